@@ -1,0 +1,5 @@
+//! Poses, twists and small angles: the vocabulary every other module speaks.
+
+mod pose;
+
+pub use pose::{Covariance, Pose, Twist, compose_all, exp, log, pose_from_rows, rotation_angle, rows_from_pose};
