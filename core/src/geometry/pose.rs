@@ -1,6 +1,8 @@
 //! Rigid motions in SE(3).
 
-use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{
+    Isometry3, Matrix3, Matrix4, Matrix6, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6,
+};
 
 /// A rigid motion named `target_from_source`: it maps coordinates in the source's frame to the target's frame [m].
 pub type Pose = Isometry3<f64>;

@@ -1,0 +1,148 @@
+//! Poses found by registration, with the record of how.
+
+use super::Header;
+use crate::layout::message;
+use iceoryx2::prelude::ZeroCopySend;
+
+/// The first scan: it defines the map.
+pub const ALIGNMENT_FIRST: u32 = 0;
+/// Aligned to an earlier scan.
+pub const ALIGNMENT_ACCEPTED: u32 = 1;
+/// Not aligned; the pose is the guess, and `reason` says why.
+pub const ALIGNMENT_REJECTED: u32 = 2;
+
+message! {
+    /// The pose of a scan; the items are the hypotheses that were tried, in order.
+    pub struct AlignmentMeta: "mirador/AlignmentMeta/1", size 944 {
+        /// Names the scan.
+        pub header: Header,
+        /// map_from_scanner, row-major 4x4.
+        pub map_from_scanner: [f64; 16],
+        /// 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major.
+        pub covariance: [f64; 36],
+        /// The prior map_from_scanner, row-major 4x4; only with `has_prior`.
+        pub prior: [f64; 16],
+        /// Share of the scan's points with a partner in the target, in [0, 1].
+        pub overlap: f64,
+        /// Root mean square of the final residuals [m].
+        pub residual_m: f64,
+        /// Time the preparation of the scan took [ns].
+        pub prepare_ns: u64,
+        /// Time the registration took [ns].
+        pub align_ns: u64,
+        /// One of the `ALIGNMENT_*` constants.
+        pub status: u32,
+        /// The scan it was aligned to; u32::MAX for none.
+        pub target_scan: u32,
+        /// Iterations of the accepted hypothesis.
+        pub iterations: u32,
+        /// Bit k is set when direction k (x, y, z, rotation about x, y, z) is constrained by the geometry.
+        pub constrained: u32,
+        /// 1 when there was a prior.
+        pub has_prior: u32,
+        /// Points of the reduced keyframe.
+        pub keyframe_points: u32,
+        /// Bytes of the reduced keyframe with its index.
+        pub keyframe_bytes: u64,
+        /// Name of the registration method.
+        pub method: [u8; 32],
+        /// Why it was not aligned; empty when it was.
+        pub reason: [u8; 256],
+    }
+}
+
+message! {
+    /// One hypothesis of an alignment.
+    pub struct Hypothesis: "mirador/Hypothesis/1", size 480 {
+        /// target_from_source at the start, row-major 4x4.
+        pub start: [f64; 16],
+        /// target_from_source that was found, row-major 4x4.
+        pub found: [f64; 16],
+        /// Share of the scan's points with a partner, in [0, 1].
+        pub overlap: f64,
+        /// Root mean square residual [m].
+        pub residual_m: f64,
+        /// Iterations.
+        pub iterations: u32,
+        /// 1 when accepted.
+        pub accepted: u32,
+        /// Where the start came from.
+        pub origin: [u8; 40],
+        /// Why it was not accepted; empty when it was.
+        pub reason: [u8; 160],
+    }
+}
+
+message! {
+    /// A correction of an older scan's pose.
+    pub struct PoseCorrection: "mirador/PoseCorrection/1", size 424 {
+        /// Id of the scan, see `ScanId`.
+        pub id: u64,
+        /// The new map_from_scanner, row-major 4x4.
+        pub map_from_scanner: [f64; 16],
+        /// Its 6x6 covariance, as in [`AlignmentMeta`].
+        pub covariance: [f64; 36],
+    }
+}
+
+message! {
+    /// Asks a foreign process to register two keyframes; the items are the target's points, then the source's.
+    pub struct RegistrationRequestMeta: "mirador/RegistrationRequestMeta/1", size 232 {
+        /// Names the source scan.
+        pub header: Header,
+        /// Id of the target scan.
+        pub target_id: u64,
+        /// target_from_source to start from, row-major 4x4.
+        pub initial_target_from_source: [f64; 16],
+        /// Pairs farther apart than this do not count [m].
+        pub pair_distance_m: f64,
+        /// The result may not move farther than this from the start [m].
+        pub max_translation_m: f64,
+        /// The result may not turn farther than this from the start [rad].
+        pub max_rotation: f64,
+        /// Number of points of the target, the first items.
+        pub target_points: u32,
+        /// Number of points of the source, the items behind them.
+        pub source_points: u32,
+        /// Most iterations.
+        pub max_iterations: u32,
+        /// The answer is worthless after this time [ms].
+        pub timeout_ms: u32,
+        /// Numbers the requests; the result repeats it.
+        pub request: u64,
+    }
+}
+
+message! {
+    /// One point of a reduced keyframe with its normal, in its scanner's frame.
+    pub struct KeyframePoint: "mirador/KeyframePoint/1", size 32 {
+        /// Position [m]; the fourth value is 1, so that the item is a homogeneous point.
+        pub position: [f32; 4],
+        /// Unit normal; the fourth value is 0.
+        pub normal: [f32; 4],
+    }
+}
+
+message! {
+    /// The answer to a registration request.
+    pub struct RegistrationResult: "mirador/RegistrationResult/1", size 456 {
+        /// The request this answers.
+        pub request: u64,
+        /// target_from_source, row-major 4x4.
+        pub target_from_source: [f64; 16],
+        /// Its 6x6 covariance, as in [`AlignmentMeta`].
+        pub covariance: [f64; 36],
+        /// Share of the source's points with a partner, in [0, 1].
+        pub overlap: f64,
+        /// Root mean square residual [m].
+        pub residual_m: f64,
+        /// Iterations.
+        pub iterations: u32,
+        /// 1 when converged.
+        pub converged: u32,
+        /// As in [`AlignmentMeta`].
+        pub constrained: u32,
+        /// Not used.
+        pub reserved: u32,
+    }
+}

@@ -1,0 +1,71 @@
+//! Where the robot is and how it moves.
+
+use crate::layout::message;
+use iceoryx2::prelude::ZeroCopySend;
+
+message! {
+    /// An estimate of the scanner's pose: from localisation, or recorded beside the scans.
+    pub struct PoseEstimate: "mirador/PoseEstimate/1", size 432 {
+        /// map_from_scanner, row-major 4x4.
+        pub map_from_scanner: [f64; 16],
+        /// Its 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major;
+        /// all zero when unknown.
+        pub covariance: [f64; 36],
+        /// 0 recorded, 1 localisation, 2 constant motion.
+        pub source: u32,
+        /// 1 while localisation does not know where it is.
+        pub lost: u32,
+        /// Not used.
+        pub reserved: u64,
+    }
+}
+
+message! {
+    /// A reference for the drives.
+    pub struct MotionCommand: "mirador/MotionCommand/1", size 40 {
+        /// Time [ns].
+        pub stamp_ns: i64,
+        /// Forward speed [m/s].
+        pub linear: f64,
+        /// Turning speed about z [rad/s].
+        pub angular: f64,
+        /// The command ends after this time [ns].
+        pub valid_ns: u64,
+        /// Source by priority: 0 emergency, 1 board joystick, 2 radio, 3 operator, 4 navigation.
+        pub source: u32,
+        /// Not used.
+        pub reserved: u32,
+    }
+}
+
+message! {
+    /// What navigation does with the path it was given.
+    pub struct NavigationStatus: "mirador/NavigationStatus/1", size 136 {
+        /// 0 idle, 1 driving, 2 arrived, 3 blocked, 4 recovering, 5 gave up.
+        pub state: u32,
+        /// Index of the waypoint it drives to.
+        pub waypoint: u32,
+        /// Distance driven on this path [m].
+        pub driven_m: f64,
+        /// Distance left [m].
+        pub left_m: f64,
+        /// Scan whose plan the path belongs to, see `ScanId`.
+        pub plan_id: u64,
+        /// Why, in words.
+        pub reason: [u8; 104],
+    }
+}
+
+message! {
+    /// The state of the robot as a whole.
+    pub struct RobotState: "mirador/RobotState/1", size 144 {
+        /// map_from_robot, row-major 4x4.
+        pub map_from_robot: [f64; 16],
+        /// Forward speed [m/s].
+        pub linear: f64,
+        /// 1 while the emergency stop is pressed.
+        pub emergency_stop: u32,
+        /// 1 when tipped over.
+        pub tipped: u32,
+    }
+}

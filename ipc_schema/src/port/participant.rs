@@ -1,0 +1,193 @@
+//! One process in a domain.
+
+use std::rc::Rc;
+use std::time::Duration;
+
+use iceoryx2::node::NodeView;
+use iceoryx2::prelude::*;
+
+use super::{Counters, PortError, Publisher, StopSignal, Subscriber};
+use crate::domain::{Domain, DomainError};
+use crate::topics::{Sizes, Topic};
+
+/// How a process learns that a message is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Wake {
+    /// It sleeps until the publisher's event wakes it: no load when idle.
+    #[default]
+    Event,
+    /// It looks again and again: the last microseconds, for a whole core.
+    Poll,
+}
+
+/// Why a process cannot join a domain.
+#[derive(Debug, thiserror::Error)]
+pub enum JoinError {
+    /// The domain's folders cannot be used.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// The name of the service has characters iceoryx2 does not accept.
+    #[error("'{service}' is not a valid service name")]
+    BadName {
+        /// The name as given.
+        service: String,
+    },
+    /// The iceoryx2 node could not be made.
+    #[error("cannot join domain '{domain}' as '{service}': {reason}. `mirador doctor` shows what is in the way")]
+    Node {
+        /// The domain.
+        domain: String,
+        /// The service.
+        service: String,
+        /// What iceoryx2 said.
+        reason: String,
+    },
+}
+
+/// One process in a domain: it opens the ports, waits for messages and counts what its ports do.
+#[derive(Debug)]
+pub struct Participant {
+    pub(super) node: Node<ipc::Service>,
+    pub(super) domain: Domain,
+    pub(super) sizes: Sizes,
+    pub(super) incarnation: u32,
+    pub(super) wake: Wake,
+    pub(super) counters: Rc<Counters>,
+    pub(super) stop: StopSignal,
+}
+
+impl Participant {
+    /// Joins `domain` under the name `service`. `incarnation` counts the starts of the service in this run.
+    ///
+    /// # Errors
+    /// See [`JoinError`].
+    pub fn join(
+        domain: Domain,
+        service: &str,
+        incarnation: u32,
+        sizes: Sizes,
+        wake: Wake,
+        stop: StopSignal,
+    ) -> Result<Self, JoinError> {
+        // iceoryx2 talks on standard error by itself; its findings reach the user through our errors.
+        set_log_level(LogLevel::Fatal);
+        let config = domain.config()?;
+        let name = NodeName::new(service).map_err(|_| JoinError::BadName { service: service.into() })?;
+        let node = NodeBuilder::new()
+            .name(&name)
+            .config(&config)
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|e| JoinError::Node {
+                domain: domain.name().into(),
+                service: service.into(),
+                reason: format!("{e:?}"),
+            })?;
+        Ok(Self { node, domain, sizes, incarnation, wake, counters: Rc::default(), stop })
+    }
+
+    /// Opens a topic to send on, all its slots allocated.
+    ///
+    /// # Errors
+    /// See [`PortError`].
+    pub fn publisher<T: Topic>(&self) -> Result<Publisher<T>, PortError> {
+        Publisher::open(self)
+    }
+
+    /// Opens a topic to receive from; late joiners get its history.
+    ///
+    /// # Errors
+    /// See [`PortError`].
+    pub fn subscriber<T: Topic>(&self) -> Result<Subscriber<T>, PortError> {
+        Subscriber::open(self)
+    }
+
+    /// Creates a topic without taking a place in it, so that its rules hold from the start of the graph. The topic
+    /// lives as long as the returned handle or any port.
+    ///
+    /// # Errors
+    /// See [`PortError`].
+    pub fn hold_topic<T: Topic>(&self) -> Result<Box<dyn std::any::Any>, PortError> {
+        Ok(Box::new((super::open::pub_sub::<T>(&self.node, &self.domain)?, super::open::event::<T>(&self.node)?)))
+    }
+
+    /// What the ports of this process have counted.
+    #[must_use]
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// The domain.
+    #[must_use]
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// The sizes the slots were made for.
+    #[must_use]
+    pub fn sizes(&self) -> Sizes {
+        self.sizes
+    }
+
+    /// The signal that ends this process.
+    #[must_use]
+    pub fn stop(&self) -> &StopSignal {
+        &self.stop
+    }
+
+    /// How often this service was started in this run, from 0.
+    #[must_use]
+    pub fn incarnation(&self) -> u32 {
+        self.incarnation
+    }
+
+    /// Frees what dead processes of the domain have left; returns how many nodes were cleaned.
+    pub fn clean_dead_peers(&self) -> u64 {
+        self.node.try_cleanup_dead_nodes().cleanups
+    }
+
+    /// The processes of a domain: name, process id and whether they are alive.
+    ///
+    /// # Errors
+    /// When the domain's folders cannot be read.
+    pub fn peers(domain: &Domain) -> Result<Vec<Peer>, JoinError> {
+        set_log_level(LogLevel::Fatal);
+        let config = domain.config()?;
+        let mut peers = Vec::new();
+        let listed = Node::<ipc::Service>::list(&config, |state| {
+            let (details, alive) = match &state {
+                NodeState::Alive(view) => (view.details().clone(), true),
+                NodeState::Dead(view) => (view.details().clone(), false),
+                _ => (None, false),
+            };
+            let (name, pid) = details.map_or_else(
+                || ("unknown".to_owned(), 0),
+                |d| (d.name().as_str().to_owned(), u32::try_from(d.process_id().value()).unwrap_or(0)),
+            );
+            peers.push(Peer { name, pid, alive });
+            CallbackProgression::Continue
+        });
+        listed.map_err(|e| JoinError::Node {
+            domain: domain.name().into(),
+            service: "list".into(),
+            reason: format!("{e:?}"),
+        })?;
+        Ok(peers)
+    }
+
+    /// Waits until one of the ports has something, the time is over or the process should end.
+    pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) {
+        super::wait::wait(self.wake, ports, timeout, &self.stop);
+    }
+}
+
+/// A process of a domain, dead or alive.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Peer {
+    /// Name of the service.
+    pub name: String,
+    /// Process id.
+    pub pid: u32,
+    /// Whether the process still runs.
+    pub alive: bool,
+}

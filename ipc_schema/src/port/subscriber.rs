@@ -1,0 +1,164 @@
+//! Receiving: a borrowed view of what the publisher wrote.
+
+use std::cell::RefCell;
+use std::os::fd::BorrowedFd;
+use std::rc::Rc;
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::subscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+
+use super::maps::{self, SegmentLocation};
+use super::{Counters, Participant, PortError, Wake, Wakeable, open};
+use crate::messages::{Header, Meta};
+use crate::topics::Topic;
+
+/// Why a message could not be received.
+#[derive(Debug, thiserror::Error)]
+pub enum ReceiveFailure {
+    /// The service holds more messages of the topic than its rules allow.
+    #[error("topic '{topic}': {borrowed} messages are still held; drop one before the next is received")]
+    TooManyHeld {
+        /// The topic.
+        topic: &'static str,
+        /// The limit.
+        borrowed: usize,
+    },
+    /// iceoryx2 could not receive.
+    #[error("topic '{topic}' cannot receive: {reason}")]
+    Other {
+        /// The topic.
+        topic: &'static str,
+        /// What iceoryx2 said.
+        reason: String,
+    },
+}
+
+/// The next sequence number expected of a publisher.
+struct Origin {
+    publisher: u128,
+    next_sequence: u64,
+}
+
+/// The receiving end of a topic.
+pub struct Subscriber<T: Topic> {
+    port: subscriber::Subscriber<ipc::Service, [T::Item], T::Meta>,
+    listener: Option<Listener<ipc::Service>>,
+    counters: Rc<Counters>,
+    origins: RefCell<Vec<Origin>>,
+}
+
+impl<T: Topic> Subscriber<T> {
+    pub(super) fn open(participant: &Participant) -> Result<Self, PortError> {
+        let rules = T::RULES;
+        let service = open::pub_sub::<T>(&participant.node, &participant.domain)?;
+        let full = |reason: String| PortError::Full { topic: rules.name, port: "subscriber", reason };
+        // The listener first: a message that arrives in between wakes it.
+        let listener = match participant.wake {
+            Wake::Poll => None,
+            Wake::Event => {
+                let event = open::event::<T>(&participant.node)?;
+                Some(event.listener_builder().create().map_err(|e| full(format!("{e:?}")))?)
+            }
+        };
+        let port =
+            service.subscriber_builder().buffer_size(rules.buffer).create().map_err(|e| full(format!("{e:?}")))?;
+        Ok(Self { port, listener, counters: Rc::clone(&participant.counters), origins: RefCell::new(Vec::new()) })
+    }
+
+    /// The next message, if there is one. It stays in the publisher's segment; dropping it frees the slot.
+    ///
+    /// # Errors
+    /// See [`ReceiveFailure`].
+    pub fn receive(&self) -> Result<Option<Received<T>>, ReceiveFailure> {
+        let topic = T::RULES.name;
+        let sample = self.port.receive().map_err(|e| match e {
+            iceoryx2::port::ReceiveError::ExceedsMaxBorrows => {
+                ReceiveFailure::TooManyHeld { topic, borrowed: T::RULES.borrowed }
+            }
+            e => ReceiveFailure::Other { topic, reason: format!("{e:?}") },
+        })?;
+        let Some(sample) = sample else { return Ok(None) };
+        self.count_gap(sample.origin().value(), sample.user_header().header());
+        Counters::add(&self.counters.received, 1);
+        Ok(Some(Received { sample, counters: Rc::clone(&self.counters) }))
+    }
+
+    /// A publisher counts its messages without holes, so a hole is a loss. The first message of a publisher only sets
+    /// the count: what was sent before this reader came was never meant for it.
+    fn count_gap(&self, publisher: u128, header: &Header) {
+        let mut origins = self.origins.borrow_mut();
+        let next_sequence = header.sequence + 1;
+        let Some(origin) = origins.iter_mut().find(|o| o.publisher == publisher) else {
+            origins.push(Origin { publisher, next_sequence });
+            return;
+        };
+        let lost = header.sequence.saturating_sub(origin.next_sequence);
+        if lost > 0 {
+            Counters::add(&self.counters.lost, lost);
+            tracing::warn!(topic = T::RULES.name, lost, next = header.sequence, "messages are missing");
+        }
+        origin.next_sequence = next_sequence;
+    }
+}
+
+impl<T: Topic> Wakeable for Subscriber<T> {
+    fn is_ready(&self) -> bool {
+        // A connection that fails shows at the next receive.
+        self.port.has_samples().unwrap_or(true)
+    }
+
+    fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        let listener = self.listener.as_ref()?;
+        // SAFETY: the descriptor belongs to the listener, which `self` owns and never replaces, so it stays open for the
+        // lifetime of the returned borrow; nobody closes it by hand.
+        Some(unsafe { BorrowedFd::borrow_raw(listener.file_descriptor().native_handle()) })
+    }
+
+    fn drain_events(&self) {
+        if let Some(listener) = &self.listener {
+            // An event that cannot be read wakes us again at once, and the messages are looked at in any case.
+            let _ = listener.try_wait(|_| {});
+        }
+    }
+}
+
+/// A message, in place.
+pub struct Received<T: Topic> {
+    sample: Sample<ipc::Service, [T::Item], T::Meta>,
+    counters: Rc<Counters>,
+}
+
+impl<T: Topic> Received<T> {
+    /// The meta part.
+    #[must_use]
+    pub fn meta(&self) -> &T::Meta {
+        self.sample.user_header()
+    }
+
+    /// The header.
+    #[must_use]
+    pub fn header(&self) -> &Header {
+        self.meta().header()
+    }
+
+    /// The items, where the publisher wrote them.
+    #[must_use]
+    pub fn items(&self) -> &[T::Item] {
+        self.sample.payload()
+    }
+
+    /// A copy of the items. The bytes are counted.
+    #[must_use]
+    pub fn copy_items(&self) -> Vec<T::Item> {
+        Counters::add(&self.counters.copied_payload_bytes, size_of_val(self.items()) as u64);
+        self.items().to_vec()
+    }
+
+    /// Where the items lie in shared memory.
+    #[must_use]
+    pub fn location(&self) -> Option<SegmentLocation> {
+        maps::locate(self.items().as_ptr())
+    }
+}
