@@ -3,6 +3,8 @@
 //! Memory of a publisher is `slot size x (subscribers x (buffer + borrowed) + history + loaned)`, so the numbers are
 //! small where the items are clouds. `Lag` says what happens to a reader that does not keep up.
 
+use Capacity::{Fixed, Keyframes, Scan as ScanCells};
+
 use crate::layout::Record;
 use crate::messages::{self as m, Meta};
 
@@ -81,10 +83,10 @@ impl Sizes {
     #[must_use]
     pub fn items(&self, capacity: Capacity) -> usize {
         match capacity {
-            Capacity::Fixed(n) => n,
-            Capacity::Scan => self.scan_points.max(1),
+            Fixed(n) => n,
+            ScanCells => self.scan_points.max(1),
             // A keyframe is a reduced scan, so two of them are never more than two scans.
-            Capacity::Keyframes => (2 * self.scan_points).clamp(1, 200_000),
+            Keyframes => (2 * self.scan_points).clamp(1, 200_000),
         }
     }
 }
@@ -148,8 +150,6 @@ pub fn describe<T: Topic>() -> String {
         crate::layout::description::<T::Item>()
     )
 }
-
-use Capacity::{Fixed, Keyframes, Scan as ScanCells};
 
 topics! {
     /// The step of the run; in lockstep it names the scan that is released.

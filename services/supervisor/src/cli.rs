@@ -1,0 +1,214 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use tracing_subscriber::EnvFilter;
+
+/// From raw 3D laser scans to where the robot should look next.
+///
+/// Without a command the built-in scene `simple` is scanned from a few poses through the whole process graph; results
+/// go to ./mirador-out/.
+#[derive(Debug, Parser)]
+#[command(name = "mirador", version, max_term_width = 110)]
+pub struct Cli {
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+}
+
+/// Options of every command.
+#[derive(Debug, Clone, Args)]
+pub struct Common {
+    /// Folder for the results [default: mirador-out, or mirador-out-NAME]; an earlier output of ours is kept aside.
+    #[arg(long, global = true, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Graph file to use instead of the built-in one.
+    #[arg(long, global = true, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Overrides one key of the graph file, for example alignment.registration=point_to_point.
+    #[arg(long, global = true, value_name = "KEY=VALUE")]
+    pub set: Vec<String>,
+    /// Name of the graph on this host; graphs of different domains do not see each other.
+    #[arg(long, global = true, value_name = "NAME")]
+    pub domain: Option<String>,
+    /// Processor cores the graph may use, for example 0,1 [default: all].
+    #[arg(long, global = true, value_name = "LIST", value_delimiter = ',')]
+    pub cores: Vec<usize>,
+    /// How much is logged: error, warn, info, debug or trace, or a filter such as `warn,mirador_alignment=debug`.
+    #[arg(long, global = true, value_name = "LEVEL", default_value = "warn")]
+    pub log_level: String,
+    /// How it is logged.
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    pub log_format: LogFormat,
+    /// Print neither the configuration nor progress.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+}
+
+/// How log lines look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+impl LogFormat {
+    /// The word on the command line.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Text => "text",
+            Self::Json => "json",
+        }
+    }
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Feed recorded scans through the graph: a folder or file of scans, or a run.mcap of ours.
+    Replay(ReplayArgs),
+    /// Launch a process graph as written in a file.
+    Up {
+        /// The graph file.
+        #[arg(value_name = "GRAPH.toml")]
+        graph: PathBuf,
+    },
+    /// Run one service in the foreground.
+    Run(RunArgs),
+    /// Live table of the services of a graph: state, restarts, memory, progress.
+    Top {
+        /// Print the table once and end.
+        #[arg(long)]
+        once: bool,
+        /// Print JSON instead of a table.
+        #[arg(long)]
+        json: bool,
+    },
+    /// Measure.
+    Bench {
+        /// What to measure.
+        #[command(subcommand)]
+        what: BenchCommand,
+    },
+    /// Say why each decision of a run was taken.
+    Explain {
+        /// Output folder of the run.
+        dir: PathBuf,
+        /// Only this scan.
+        scan: Option<u32>,
+    },
+    /// Convert between file formats, streaming.
+    Convert {
+        /// A cloud (.3d .pcd .ply .las .laz .bin .xyz32.bin .csv .vtk, each also .gz) or a pose file (.tum, .txt).
+        input: PathBuf,
+        /// A cloud (.ply .las .laz .pcd .xyz32.bin) or a pose file (.tum).
+        output: PathBuf,
+        /// Order of the points, for example 226x360.
+        #[arg(long, value_name = "ROWSxCOLS")]
+        grid: Option<String>,
+    },
+    /// What on this machine would get in the way.
+    Doctor {
+        /// Remove what dead processes have left.
+        #[arg(long)]
+        fix: bool,
+    },
+    /// Run another program as a child of the graph (used by the supervisor).
+    #[command(hide = true)]
+    ExecChild {
+        /// Process id of the supervisor.
+        #[arg(long)]
+        parent: i32,
+        /// The program and its arguments.
+        #[arg(trailing_var_arg = true, required = true)]
+        command: Vec<String>,
+    },
+    /// The other end of `bench ipc` (used by the bench).
+    #[command(hide = true)]
+    BenchPeer {
+        /// Arguments of the peer.
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        args: Vec<String>,
+    },
+}
+
+/// Arguments of `replay`.
+#[derive(Debug, Clone, Args)]
+pub struct ReplayArgs {
+    /// A scan file, a folder of scans of one format, or a run.mcap.
+    pub path: PathBuf,
+    /// Prior poses (TUM, KITTI), relative to PATH [default: none, or the .pose files beside .3d scans].
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
+    /// True poses for the errors in the summary, relative to PATH.
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+    /// Order of the points in a file without one, for example 226x360.
+    #[arg(long, value_name = "ROWSxCOLS")]
+    pub grid: Option<String>,
+    /// Returns nearer than this are dropped [m].
+    #[arg(long, value_name = "M")]
+    pub min_range: Option<f32>,
+    /// Returns farther than this are dropped [m].
+    #[arg(long, value_name = "M")]
+    pub max_range: Option<f32>,
+    /// Release scans by their time stamps at this multiple of real time, instead of in lockstep.
+    #[arg(long, value_name = "X")]
+    pub speed: Option<f64>,
+    /// Stop after this many scans.
+    #[arg(long, value_name = "N")]
+    pub max_scans: Option<u32>,
+}
+
+/// Arguments of `run`.
+#[derive(Debug, Clone, Args)]
+pub struct RunArgs {
+    /// The service.
+    pub service: String,
+    /// How often the service was started before in this run (set by the supervisor).
+    #[arg(long, default_value_t = 0, hide = true)]
+    pub incarnation: u32,
+    /// Number of the run (set by the supervisor).
+    #[arg(long, default_value_t = 0, hide = true)]
+    pub run: u32,
+    /// Process id of the supervisor; the service ends with it.
+    #[arg(long, hide = true)]
+    pub parent: Option<i32>,
+}
+
+/// What `bench` measures.
+#[derive(Debug, Subcommand)]
+pub enum BenchCommand {
+    /// One-way latency between two processes, beside bare iceoryx2, a Unix socket and a pipe.
+    Ipc {
+        /// Write the figures to this file.
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Messages per case.
+        #[arg(long, value_name = "N")]
+        messages: Option<usize>,
+        /// Pause between messages [ms].
+        #[arg(long, value_name = "MS")]
+        pace_ms: Option<f64>,
+    },
+}
+
+/// Sends log lines to standard error.
+pub fn init_logging(common: &Common) {
+    let filter = EnvFilter::try_new(&common.log_level).unwrap_or_else(|_| {
+        eprintln!("warning: --log-level '{}' is not a log filter; using 'warn'", common.log_level);
+        EnvFilter::new("warn")
+    });
+    let builder = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
+    match common.log_format {
+        LogFormat::Text => builder.with_ansi(false).init(),
+        LogFormat::Json => builder.json().init(),
+    }
+}

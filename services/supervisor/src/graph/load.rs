@@ -1,0 +1,215 @@
+//! Reading and checking a graph file.
+
+use std::path::{Path, PathBuf};
+
+use toml_edit::DocumentMut;
+
+use super::overrides;
+use super::tables::{Graph, ServiceEntry};
+use crate::Registry;
+
+/// Why a graph file cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum GraphError {
+    /// The file cannot be read.
+    #[error("{path}: cannot be read ({reason})")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        reason: String,
+    },
+    /// The text is not TOML, a key is unknown, or a value has the wrong type.
+    #[error("{file}:{line}: {message}")]
+    Invalid {
+        /// The file.
+        file: String,
+        /// The line, from 1.
+        line: usize,
+        /// What is wrong and what would be right.
+        message: String,
+    },
+    /// A `--set` is wrong.
+    #[error("{0}")]
+    Override(String),
+    /// A value is outside its range or names something that does not exist.
+    #[error("{file}{}: {key}: {message}", line_suffix(*.line))]
+    Value {
+        /// The file.
+        file: String,
+        /// The line of the key, when it stands in the file.
+        line: Option<usize>,
+        /// The key.
+        key: String,
+        /// What is wrong and what would be right.
+        message: String,
+    },
+}
+
+fn line_suffix(line: Option<usize>) -> String {
+    line.map_or_else(String::new, |n| format!(":{n}"))
+}
+
+/// Loads a graph file and applies the overrides.
+///
+/// # Errors
+/// See [`GraphError`].
+pub fn load(path: &Path, settings: &[String], registry: &Registry) -> Result<Graph, GraphError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| GraphError::Unreadable { path: path.into(), reason: e.to_string() })?;
+    load_text(&text, &path.display().to_string(), settings, registry)
+}
+
+/// Loads a graph from its text; `file` names it in errors.
+///
+/// # Errors
+/// See [`GraphError`].
+pub fn load_text(text: &str, file: &str, settings: &[String], registry: &Registry) -> Result<Graph, GraphError> {
+    // The file alone first, so that its errors carry its own lines.
+    let mut graph = parse(text, file)?;
+    if !settings.is_empty() {
+        let mut document: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| invalid(text, file, e.span(), e.message()))?;
+        for setting in settings {
+            overrides::apply(&mut document, setting).map_err(GraphError::Override)?;
+        }
+        graph = parse(&document.to_string(), file).map_err(|error| match error {
+            GraphError::Invalid { message, .. } => {
+                GraphError::Override(format!("--set {}: {message}", settings.join(" --set ")))
+            }
+            other => other,
+        })?;
+    }
+    check(&graph, text, file, registry)?;
+    Ok(graph)
+}
+
+fn parse(text: &str, file: &str) -> Result<Graph, GraphError> {
+    toml::from_str(text).map_err(|e| invalid(text, file, e.span(), e.message()))
+}
+
+fn invalid(text: &str, file: &str, span: Option<std::ops::Range<usize>>, message: &str) -> GraphError {
+    let before = span.map_or("", |s| text.get(..s.start).unwrap_or(""));
+    let message = message.replace('\n', ", ");
+    GraphError::Invalid { file: file.into(), line: before.matches('\n').count() + 1, message }
+}
+
+/// What types alone cannot check.
+fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(), GraphError> {
+    let fail = |key: &str, message: String| {
+        Err(GraphError::Value { file: file.into(), line: find_line(text, key), key: key.into(), message })
+    };
+    if graph.config_version != 1 {
+        return fail("config_version", format!("{} is not known to this version of mirador; write 1", graph.config_version));
+    }
+    if let Err(error) = mirador_ipc_schema::Domain::new(&graph.graph.domain) {
+        return fail("graph.domain", error.to_string());
+    }
+    for (name, entry) in graph.services.entries().into_iter().chain(graph.programs.iter().map(|(n, e)| (n.as_str(), e))) {
+        if let Err(message) = check_entry(entry) {
+            return fail(&format!("services.{name}.{}", message.0), message.1);
+        }
+    }
+    if let Some((name, _)) = graph.programs.iter().find(|(_, e)| e.command.is_empty()) {
+        return fail(&format!("programs.{name}.command"), "names no program; write [\"PROGRAM\", \"ARGUMENT\", ...]".into());
+    }
+    if let Err(error) = graph.alignment.check(registry) {
+        return fail("alignment.registration", error.to_string());
+    }
+    let checks: [(&str, Result<(), String>); 4] = [
+        ("acquisition", graph.acquisition.validate().map_err(|e| e.to_string())),
+        ("alignment", graph.alignment.validate().map_err(|e| e.to_string())),
+        ("analysis", graph.analysis.validate().map_err(|e| e.to_string())),
+        ("planning", graph.planning.validate().map_err(|e| e.to_string())),
+    ];
+    for (table, result) in checks {
+        if let Err(message) = result {
+            return fail(table, message);
+        }
+    }
+    Ok(())
+}
+
+fn check_entry(entry: &ServiceEntry) -> Result<(), (&'static str, String)> {
+    if entry.threads == 0 || entry.threads > 256 {
+        return Err(("threads", format!("{} is outside 1 to 256", entry.threads)));
+    }
+    Ok(())
+}
+
+/// The line on which the last part of a key is set, as far as a search of the text can tell.
+fn find_line(text: &str, key: &str) -> Option<usize> {
+    let (tables, last) = key.rsplit_once('.').unwrap_or(("", key));
+    let mut inside = tables.is_empty();
+    for (index, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if let Some(header) = line.strip_prefix('[').and_then(|l| l.strip_suffix(']')) {
+            if header == key {
+                return Some(index + 1);
+            }
+            inside = header == tables;
+        } else if inside && line.split('=').next().is_some_and(|k| k.trim() == last) {
+            return Some(index + 1);
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn error(text: &str) -> String {
+        load_text(text, "graph.toml", &[], &Registry::with_builtins()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_standard_graph_is_valid() {
+        let graph = load_text(super::super::STANDARD, "standard", &[], &Registry::with_builtins()).unwrap();
+        assert_eq!(graph.services.entries().len(), 5);
+    }
+
+    #[test]
+    fn an_unknown_service_is_named_with_its_line_and_the_known_ones() {
+        let message = error("config_version = 1\n\n[services.alignmnt]\nthreads = 1\n");
+        assert!(message.starts_with("graph.toml:3:") && message.contains("alignmnt"), "{message}");
+        assert!(message.contains("`acquisition`") && message.contains("`recorder`"), "{message}");
+    }
+
+    #[test]
+    fn an_unknown_registration_is_named_with_its_line_and_the_known_ones() {
+        let message = error("config_version = 1\n[alignment]\nregistration = \"magic\"\n");
+        assert!(message.starts_with("graph.toml:3: alignment.registration:"), "{message}");
+        assert!(message.contains("magic") && message.contains("point_to_plane"), "{message}");
+    }
+
+    #[test]
+    fn a_value_of_the_wrong_type_names_its_line() {
+        let message = error("config_version = 1\n[services.planning]\nthreads = \"two\"\n");
+        assert!(message.starts_with("graph.toml:3:"), "{message}");
+    }
+
+    #[test]
+    fn an_unknown_policy_lists_the_policies() {
+        let message = error("config_version = 1\n[services.planning]\nrestart = \"sometimes\"\n");
+        assert!(message.contains("on-failure") && message.contains("never"), "{message}");
+    }
+
+    #[test]
+    fn an_override_wins_over_the_file_and_is_checked_like_it() {
+        let registry = Registry::with_builtins();
+        let text = "config_version = 1\n[graph]\nlockstep = true\n";
+        let graph = load_text(text, "g", &["graph.lockstep=false".into()], &registry).unwrap();
+        assert!(!graph.graph.lockstep);
+        let message = load_text(text, "g", &["graph.lockstop=false".into()], &registry).unwrap_err().to_string();
+        assert!(message.contains("--set graph.lockstop=false") && message.contains("lockstep"), "{message}");
+    }
+
+    #[test]
+    fn the_effective_graph_can_be_saved_and_loaded_again() {
+        let registry = Registry::with_builtins();
+        let graph = load_text(super::super::STANDARD, "standard", &[], &registry).unwrap();
+        let text = toml::to_string(&graph).unwrap();
+        let again = load_text(&text, "saved", &[], &registry).unwrap();
+        assert_eq!(toml::to_string(&again).unwrap(), text);
+    }
+}

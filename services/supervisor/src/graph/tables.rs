@@ -1,0 +1,153 @@
+//! The tables of a graph file.
+
+use std::collections::BTreeMap;
+
+use mirador_acquisition::AcquisitionConfig;
+use mirador_alignment::AlignmentConfig;
+use mirador_analysis::AnalysisConfig;
+use mirador_ipc_schema::Wake;
+use mirador_planning::PlanningServiceConfig;
+use mirador_recorder::RecorderConfig;
+use serde::{Deserialize, Serialize};
+
+/// The services of mirador, in the order of the data flow.
+pub const SERVICES: [&str; 5] = ["acquisition", "alignment", "analysis", "planning", "recorder"];
+
+/// A whole graph file.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Graph {
+    /// Version of the file's layout: 1.
+    pub config_version: u32,
+    /// What holds for the graph as a whole.
+    #[serde(default)]
+    pub graph: GraphTable,
+    /// Which of mirador's services run, and how.
+    #[serde(default)]
+    pub services: ServiceTables,
+    /// Other programs that are started, watched and stopped with the graph.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub programs: BTreeMap<String, ServiceEntry>,
+    /// Where scans come from.
+    #[serde(default)]
+    pub acquisition: AcquisitionConfig,
+    /// How they are aligned.
+    #[serde(default)]
+    pub alignment: AlignmentConfig,
+    /// How points are scored.
+    #[serde(default)]
+    pub analysis: AnalysisConfig,
+    /// How the map is kept and the next view chosen.
+    #[serde(default)]
+    pub planning: PlanningServiceConfig,
+    /// What is recorded.
+    #[serde(default)]
+    pub recorder: RecorderConfig,
+}
+
+/// What holds for the graph as a whole.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct GraphTable {
+    /// Name of the graph on this host: a-z, 0-9, '-' and '_', at most 24.
+    pub domain: String,
+    /// Points of the largest scan: sizes the shared-memory slots. 0 takes it from the source.
+    pub max_points: usize,
+    /// Each scan waits until every service has finished the one before: same input, same bits.
+    pub lockstep: bool,
+    /// How services learn of messages.
+    pub wake: WakeWord,
+}
+
+impl Default for GraphTable {
+    fn default() -> Self {
+        Self { domain: "mirador".into(), max_points: 0, lockstep: true, wake: WakeWord::Event }
+    }
+}
+
+/// How services learn of messages.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WakeWord {
+    /// They sleep until an event wakes them.
+    Event,
+    /// They look again and again; takes a core each.
+    Poll,
+}
+
+impl From<WakeWord> for Wake {
+    fn from(word: WakeWord) -> Self {
+        match word {
+            WakeWord::Event => Self::Event,
+            WakeWord::Poll => Self::Poll,
+        }
+    }
+}
+
+/// Which of mirador's services run.
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ServiceTables {
+    /// Delivers scans.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub acquisition: Option<ServiceEntry>,
+    /// Finds their poses.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub alignment: Option<ServiceEntry>,
+    /// Scores their points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub analysis: Option<ServiceEntry>,
+    /// Keeps the map and chooses the next view.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub planning: Option<ServiceEntry>,
+    /// Writes everything down.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub recorder: Option<ServiceEntry>,
+}
+
+impl ServiceTables {
+    /// The services that run, in the order of the data flow.
+    #[must_use]
+    pub fn entries(&self) -> Vec<(&'static str, &ServiceEntry)> {
+        [&self.acquisition, &self.alignment, &self.analysis, &self.planning, &self.recorder]
+            .into_iter()
+            .zip(SERVICES)
+            .filter_map(|(entry, name)| entry.as_ref().map(|e| (name, e)))
+            .collect()
+    }
+}
+
+/// How a process of the graph is run.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ServiceEntry {
+    /// Program and arguments that take the service's place; empty for mirador's own.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub command: Vec<String>,
+    /// Cores it may use; empty for all.
+    pub cores: Vec<usize>,
+    /// Worker threads.
+    pub threads: usize,
+    /// What happens when it ends by itself.
+    pub restart: RestartPolicy,
+    /// Most restarts within a minute; one more ends the run.
+    pub max_restarts: u32,
+}
+
+impl Default for ServiceEntry {
+    fn default() -> Self {
+        Self { command: Vec::new(), cores: Vec::new(), threads: 1, restart: RestartPolicy::OnFailure, max_restarts: 5 }
+    }
+}
+
+/// What happens when a process ends by itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RestartPolicy {
+    /// The run ends.
+    Never,
+    /// It is started again when it failed or was killed; when it ended well, it stays ended.
+    OnFailure,
+    /// It is started again in any case.
+    Always,
+}
