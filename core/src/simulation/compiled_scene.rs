@@ -5,6 +5,7 @@ use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vector;
 use parry3d::partitioning::{Bvh, BvhBuildStrategy};
 use parry3d::query::Ray;
+use thiserror::Error;
 
 use super::scene::{Label, Placement, ScanPose, Scene, SceneObject};
 use super::terrain::Terrain;
@@ -18,6 +19,33 @@ const FOUNDATION_M: f64 = 1.0;
 const EDGE_TOLERANCE: f32 = 1e-6;
 /// How much the triangles' boxes are widened [m].
 const BOX_MARGIN_M: f32 = 1e-4;
+
+/// Why a scene cannot be compiled. Scenes read from a file pass these checks with the file's line already.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum CompileError {
+    /// A field of the terrain is outside its range.
+    #[error("scene {scene}: terrain.{field} {allowed}")]
+    Terrain {
+        /// The scene's name.
+        scene: String,
+        /// The field.
+        field: &'static str,
+        /// What would be right.
+        allowed: &'static str,
+    },
+    /// An object's middle is not over the ground, or a size or coordinate is not finite.
+    #[error("scene {scene}: the {label} at x = {x}, y = {y} must stand on the ground and have finite sizes")]
+    Object {
+        /// The scene's name.
+        scene: String,
+        /// What it is.
+        label: Label,
+        /// Middle of its base [m].
+        x: f64,
+        /// Middle of its base [m].
+        y: f64,
+    },
+}
 
 /// Where a ray meets the scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,21 +79,29 @@ pub struct CompiledScene {
 
 impl CompiledScene {
     /// Samples the ground, builds the objects' triangles and the hierarchy.
-    #[must_use]
-    pub fn new(scene: Scene) -> Self {
+    ///
+    /// # Errors
+    /// When the terrain is out of its ranges or an object is not on it.
+    pub fn new(scene: Scene) -> Result<Self, CompileError> {
+        if let Some((field, allowed)) = scene.terrain.fault(&scene.area) {
+            return Err(CompileError::Terrain { scene: scene.name, field, allowed });
+        }
         let terrain = Terrain::new(&scene.terrain, &scene.area);
         let mut corners = Vec::new();
         terrain.triangulate(&mut corners);
         let ground_triangles = corners.len();
         let mut labels = vec![Label::Ground; ground_triangles];
         for object in &scene.objects {
-            build_object(object, &terrain, &mut corners);
+            if !build_object(object, &terrain, &mut corners) {
+                let &SceneObject { label, x, y, .. } = object;
+                return Err(CompileError::Object { scene: scene.name.clone(), label, x, y });
+            }
             labels.resize(corners.len(), object.label);
         }
         let triangles: Vec<_> = corners.iter().map(Triangle::new).collect();
         let boxes: Vec<_> = triangles.iter().map(Triangle::bounds).collect();
         let bvh = Bvh::from_leaves(BvhBuildStrategy::Ploc, &boxes);
-        Self { scene, terrain, triangles, labels, ground_triangles, bvh }
+        Ok(Self { scene, terrain, triangles, labels, ground_triangles, bvh })
     }
 
     /// The scene this was built from.
@@ -143,10 +179,9 @@ impl CompiledScene {
     }
 }
 
-/// Appends an object's triangles in the map frame.
-fn build_object(object: &SceneObject, terrain: &Terrain, triangles: &mut Vec<[Vector3<f64>; 3]>) {
-    // A scene file is checked to keep its objects on the ground.
-    let ground = terrain.height(object.x, object.y).unwrap_or(0.0);
+/// Appends an object's triangles in the map frame; `false` when it is not over the ground or not finite.
+fn build_object(object: &SceneObject, terrain: &Terrain, triangles: &mut Vec<[Vector3<f64>; 3]>) -> bool {
+    let Some(ground) = terrain.height(object.x, object.y) else { return false };
     let (z, foundation) = match object.placement {
         Placement::At { z } => (z, 0.0),
         Placement::OnGround { above } if above > 0.0 => (ground + above, 0.0),
@@ -159,6 +194,7 @@ fn build_object(object: &SceneObject, terrain: &Terrain, triangles: &mut Vec<[Ve
     for corner in triangles.iter_mut().skip(first).flatten() {
         *corner = turn * *corner + shift;
     }
+    triangles.iter().skip(first).flatten().all(|corner| corner.iter().all(|v| v.is_finite()))
 }
 
 fn single(v: &Vector3<f64>) -> Vector {
@@ -214,7 +250,7 @@ mod tests {
 
     fn scene(tail: &str) -> CompiledScene {
         let head = "name = \"t\"\nstart = { x_m = 0, y_m = 0 }\narea = { x_m = [-20, 20], y_m = [-20, 20] }\n";
-        CompiledScene::new(Scene::from_toml(&format!("{head}{tail}"), "test").unwrap())
+        CompiledScene::new(Scene::from_toml(&format!("{head}{tail}"), "test").unwrap()).unwrap()
     }
 
     #[test]
@@ -224,6 +260,19 @@ mod tests {
         assert_eq!(counts[0], (Label::Ground, 2));
         assert_eq!(counts[Label::Tree as usize].1 + 2, world.triangles.len());
         assert_eq!(counts[Label::Vehicle as usize].1, 0);
+    }
+
+    #[test]
+    fn an_object_off_the_ground_or_without_a_size_is_refused() {
+        let mut built = Scene::builtin("simple").unwrap();
+        built.objects[0].x = 300.0;
+        let message = CompiledScene::new(built.clone()).err().unwrap().to_string();
+        assert!(message.contains("simple") && message.contains("x = 300"), "{message}");
+        built.objects[0] =
+            SceneObject { x: 0.0, shape: crate::simulation::Shape::Sphere { radius: f64::NAN }, ..built.objects[0] };
+        assert!(matches!(CompiledScene::new(built.clone()), Err(CompileError::Object { .. })));
+        built.terrain.cell_m = f64::NAN;
+        assert!(matches!(CompiledScene::new(built), Err(CompileError::Terrain { field: "cell_m", .. })));
     }
 
     #[test]

@@ -8,16 +8,20 @@
 #[cfg(test)]
 mod builtin_tests;
 mod compiled_scene;
+mod file_values;
+mod object_tables;
 mod reachable;
 mod scanner;
+mod scanner_config;
 mod scene;
 mod scene_file;
 mod shapes;
 mod terrain;
 
-pub use compiled_scene::{CompiledScene, Hit};
+pub use compiled_scene::{CompileError, CompiledScene, Hit};
 pub use reachable::{ReachConfig, ReachError, ReachableCells, reachable_cells};
-pub use scanner::{ScanError, ScanSeed, Scanner, ScannerConfig, ScannerConfigError};
+pub use scanner::{ScanError, ScanSeed, Scanner};
+pub use scanner_config::{ScannerConfig, ScannerConfigError};
 pub use scene::{Label, Placement, ScanPose, Scene, SceneError, SceneObject, WorkArea};
 pub use shapes::Shape;
 pub use terrain::{Bump, Roughness, Terrain, TerrainConfig, Wave};

@@ -183,7 +183,8 @@ fn block_cells(
     label: Label,
     free: &mut [bool],
 ) {
-    let reach = config.robot_radius_m;
+    // Below half a cell a thin wall would leak between the cells' middles.
+    let reach = config.robot_radius_m.max(0.5 * cells.cell_m);
     let span = |axis: usize| {
         let low = triangle.iter().map(|v| v[axis]).fold(f64::MAX, f64::min) - reach;
         let high = triangle.iter().map(|v| v[axis]).fold(f64::MIN, f64::max) + reach;
@@ -207,7 +208,7 @@ fn block_cells(
             polygon.extend_from_slice(triangle);
             clip(&mut polygon, &mut scratch, |v| v.z - (ground + lowest));
             clip(&mut polygon, &mut scratch, |v| ground + config.robot_height_m - v.z);
-            if !polygon.is_empty() && distance(&polygon, x, y) < reach.max(0.5 * cells.cell_m) {
+            if !polygon.is_empty() && distance(&polygon, x, y) < reach {
                 *free = false;
             }
         }
@@ -298,7 +299,7 @@ mod tests {
 
     fn reach(tail: &str, config: &ReachConfig) -> ReachableCells {
         let head = "name = \"t\"\nstart = { x_m = 0, y_m = 0 }\narea = { x_m = [-10, 10], y_m = [-10, 10] }\n";
-        let scene = CompiledScene::new(Scene::from_toml(&format!("{head}{tail}"), "test").unwrap());
+        let scene = CompiledScene::new(Scene::from_toml(&format!("{head}{tail}"), "test").unwrap()).unwrap();
         reachable_cells(&scene, config, &START).unwrap()
     }
 
@@ -356,7 +357,7 @@ mod tests {
 
     #[test]
     fn a_start_within_an_object_is_an_error() {
-        let scene = CompiledScene::new(Scene::builtin("simple").unwrap());
+        let scene = CompiledScene::new(Scene::builtin("simple").unwrap()).unwrap();
         let inside = ScanPose { x: -8.0, y: -3.0, yaw: 0.0 };
         let answer = reachable_cells(&scene, &ReachConfig::default(), &inside);
         assert_eq!(answer, Err(ReachError::BlockedStart { x: -8.0, y: -3.0 }));

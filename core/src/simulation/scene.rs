@@ -94,7 +94,8 @@ pub struct ScanPose {
 /// The height at which an object's base lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Placement {
-    /// So much above the ground under its middle [m]. At 0 it stands, with a foundation into the ground.
+    /// So much above the ground under its middle [m]. At 0 it stands, with a foundation 1 m into the ground, so that no
+    /// gap opens where the ground falls away from its middle.
     OnGround {
         /// Height of the base over the ground [m].
         above: f64,

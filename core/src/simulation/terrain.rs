@@ -28,6 +28,9 @@ pub struct TerrainConfig {
     pub waves: Vec<Wave>,
     /// Small-scale unevenness.
     pub roughness: Option<Roughness>,
+    /// Height of the grass [m]: every ray that would meet the ground ends on a blade, at a random height up to this over
+    /// it. Drawn with the scanner's errors; the ground itself and true ranges know nothing of it.
+    pub grass_m: f64,
 }
 
 impl Default for TerrainConfig {
@@ -41,6 +44,7 @@ impl Default for TerrainConfig {
             bumps: Vec::new(),
             waves: Vec::new(),
             roughness: None,
+            grass_m: 0.0,
         }
     }
 }
@@ -103,6 +107,7 @@ impl TerrainConfig {
             (self.cell_m > 0.0, "cell_m", "must be above 0"),
             (self.margin_m >= 0.0, "margin_m", "must be 0 or more"),
             (self.height_m.is_finite(), "height_m", "must be finite"),
+            ((0.0..=2.0).contains(&self.grass_m), "grass_m", "must lie in 0 ..= 2"),
             (self.slope_x_deg.abs() <= 60.0, "slope_x_deg", "must lie in -60 ..= 60"),
             (self.slope_y_deg.abs() <= 60.0, "slope_y_deg", "must lie in -60 ..= 60"),
             (self.bumps.iter().all(|b| b.radius_m > 0.0), "bumps.radius_m", "must be above 0"),
