@@ -118,7 +118,7 @@ impl Default for RegistrationConfig {
             rotation_tolerance: 2e-5,
             constrained_eigenvalue: 0.01,
             overlap_distance_m: 0.3,
-            points_per_independent_error: 12.0,
+            points_per_independent_error: 24.0,
             custom: toml::Table::new(),
         }
     }
