@@ -1,1 +1,44 @@
-//! registration
+//! Registration of two scans: where the scanner stood when it took the source, seen from where it took the target.
+//!
+//! A method implements [`Registration`]: it prepares a scan once and aligns any two prepared scans. Methods are chosen
+//! by name through a [`Registry`], to which a user's crate adds its own.
+//!
+//! Conventions: poses map the source's frame to the target's, `target_from_source`; a perturbation `delta` acts on the
+//! right, `target_from_source * exp(delta)`, so it is a motion in the source's frame, translation [m] before rotation
+//! [rad]; covariances and Hessians are 6x6 in that order. Results depend neither on the number of threads nor on
+//! earlier calls.
+
+mod alignment;
+mod config;
+mod correspondences;
+mod information;
+mod iteration;
+mod kdtree;
+mod limits;
+mod normals;
+mod parallel;
+mod point_to_plane;
+mod point_to_point;
+mod prepared;
+mod registry;
+mod robust;
+mod traits;
+mod voxel;
+
+#[cfg(test)]
+mod conformance;
+#[cfg(test)]
+mod real_data;
+#[cfg(test)]
+pub(crate) mod test_scenes;
+
+pub use alignment::{Alignment, Constraint};
+pub use config::{ConfigError, PreparationConfig, RegistrationConfig};
+pub use kdtree::{KdTree, Neighbours};
+pub use limits::Limits;
+pub use point_to_plane::PointToPlane;
+pub use point_to_point::PointToPoint;
+pub use prepared::PreparedCloud;
+pub use registry::{Registry, RegistryError};
+pub use robust::RobustKernel;
+pub use traits::{AlignError, PrepareError, PreparedScan, Registration};

@@ -1,0 +1,58 @@
+//! The built-in methods on real scans and on the exact synthetic pair.
+
+use std::time::Instant;
+
+use super::test_scenes::{data, read_pose, read_xyz32};
+use super::{Alignment, Limits, RegistrationConfig, Registry};
+use crate::geometry::{Pose, rotation_angle};
+use crate::scan::{Point, ScanView};
+
+/// Aligns one pair from identity and prints the figures; returns the errors [m], [deg].
+fn pair(method: &str, name: &str, source: &[Point], target: &[Point], truth: &Pose) -> (f64, f64, Alignment) {
+    let config = RegistrationConfig { threads: 2, ..RegistrationConfig::default() };
+    let mut registration = Registry::default().create(method, &config).unwrap();
+    let begin = Instant::now();
+    let target = registration.prepare(ScanView::unordered(target)).unwrap();
+    let source = registration.prepare(ScanView::unordered(source)).unwrap();
+    let prepared = begin.elapsed();
+    let result = registration.align(&*target, &*source, &Pose::identity(), &Limits::default()).unwrap();
+    let error = truth.inverse() * result.target_from_source;
+    let (metres, degrees) = (error.translation.vector.norm(), rotation_angle(&error).to_degrees());
+    println!(
+        "{name} {method}: {metres:.4} m {degrees:.4} deg, {} steps, overlap {:.3}, residual {:.4}, converged {}, \
+         eigenvalues {:.3?}, sigma {:.4?}, {} points, {} bytes, {prepared:?} + {:?}",
+        result.iterations,
+        result.overlap,
+        result.residual_rms_m,
+        result.converged,
+        result.constraint.eigenvalues,
+        result.covariance.diagonal().map(f64::sqrt).as_slice(),
+        source.points().len(),
+        source.bytes(),
+        begin.elapsed() - prepared,
+    );
+    (metres, degrees, result)
+}
+
+/// Both methods on a folder with source, target and truth: the largest errors allowed of each.
+fn folder(name: &str, allowed: [(&str, f64, f64); 2]) {
+    let Some(path) = data(name, name) else { return };
+    let source = read_xyz32(&path.join("source.xyz32.bin"));
+    let target = read_xyz32(&path.join("target.xyz32.bin"));
+    let truth = read_pose(&path.join("target_from_source.txt"));
+    for (method, most_m, most_deg) in allowed {
+        let (metres, degrees, result) = pair(method, name, &source, &target, &truth);
+        assert!(metres < most_m && degrees < most_deg, "{method}: {metres} m, {degrees} deg");
+        assert!(result.converged && result.constraint.mask() == 0b11_1111);
+    }
+}
+
+#[test]
+fn the_exact_synthetic_pair_is_recovered_from_identity() {
+    folder("synth_pair", [("point_to_plane", 0.01, 0.05), ("point_to_point", 0.03, 0.1)]);
+}
+
+#[test]
+fn the_handheld_pair_is_recovered_from_identity() {
+    folder("handheld_pair", [("point_to_plane", 0.03, 0.15), ("point_to_point", 0.06, 0.4)]);
+}

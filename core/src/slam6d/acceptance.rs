@@ -1,0 +1,140 @@
+//! Whether an alignment is believed.
+
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::geometry::{Pose, rotation_angle};
+use crate::registration::{Alignment, ConfigError, Limits};
+
+/// What an alignment must show to be accepted.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AcceptanceConfig {
+    /// The least share of the scan's points that must have a partner. The source counts on 0.1 between adjacent
+    /// outdoor scans, but the ground alone gives more to scans that have nothing else in common: on real hand-held
+    /// scans false alignments reach 0.15 to 0.4, true ones of neighbours 0.6 and more.
+    pub min_overlap: f64,
+    /// The greatest residual of the paired points, root mean square [m].
+    pub max_residual_m: f64,
+    /// With a prior: the least number of directions the geometry must constrain; the prior holds the others. A bare
+    /// floor constrains three. Without a prior all six are needed, since nothing measured holds the others.
+    pub min_constrained_directions: u32,
+}
+
+impl Default for AcceptanceConfig {
+    fn default() -> Self {
+        Self { min_overlap: 0.3, max_residual_m: 0.25, min_constrained_directions: 3 }
+    }
+}
+
+impl AcceptanceConfig {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// The first field out of range, and what would be right.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        ConfigError::check("acceptance.min_overlap", self.min_overlap, 0.0, 1.0)?;
+        ConfigError::check("acceptance.max_residual_m", self.max_residual_m, 1e-3, 100.0)?;
+        let directions = f64::from(self.min_constrained_directions);
+        ConfigError::check("acceptance.min_constrained_directions", directions, 0.0, 6.0)
+    }
+
+    /// Judges the alignment that began at `start`.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with it.
+    pub fn judge(
+        &self,
+        alignment: &Alignment,
+        start: &Pose,
+        limits: &Limits,
+        has_prior: bool,
+    ) -> Result<(), Rejection> {
+        if alignment.limit_reached {
+            let moved = start.inverse() * alignment.target_from_source;
+            return Err(Rejection::TooFar {
+                translation_m: moved.translation.vector.norm(),
+                max_translation_m: limits.max_translation_m,
+                rotation: rotation_angle(&moved),
+                max_rotation: limits.max_rotation,
+            });
+        }
+        if alignment.overlap < self.min_overlap {
+            return Err(Rejection::NoOverlap { overlap: alignment.overlap, required: self.min_overlap });
+        }
+        if alignment.residual_rms_m > self.max_residual_m {
+            return Err(Rejection::PoorFit { residual_m: alignment.residual_rms_m, allowed_m: self.max_residual_m });
+        }
+        let required = if has_prior { self.min_constrained_directions } else { 6 };
+        let constrained = alignment.constraint.constrained_directions();
+        if constrained < required {
+            return Err(Rejection::Degenerate { constrained, required });
+        }
+        if alignment.converged { Ok(()) } else { Err(Rejection::NotConverged { iterations: alignment.iterations }) }
+    }
+}
+
+/// Why an alignment, or a whole scan, is not believed.
+#[derive(Debug, Clone, PartialEq, Error, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Rejection {
+    /// Too few of the scan's points have a partner.
+    #[error("overlap {overlap:.3} is below {required:.3}")]
+    NoOverlap {
+        /// The share found.
+        overlap: f64,
+        /// The share asked for.
+        required: f64,
+    },
+    /// The result lies on the border of the limits around the start.
+    #[error(
+        "the result wants to be farther from the start than allowed: {translation_m:.2} m of {max_translation_m:.2} m, \
+         {rotation:.3} rad of {max_rotation:.3} rad"
+    )]
+    TooFar {
+        /// Distance from the start [m].
+        translation_m: f64,
+        /// Distance allowed, d_max [m].
+        max_translation_m: f64,
+        /// Angle from the start [rad].
+        rotation: f64,
+        /// Angle allowed [rad].
+        max_rotation: f64,
+    },
+    /// The scan cannot be prepared: too little is left of it.
+    #[error("the scan has {points} points after thinning; {required} are needed")]
+    TooFewPoints {
+        /// Points left.
+        points: usize,
+        /// Points needed.
+        required: usize,
+    },
+    /// The paired points lie too far apart.
+    #[error("residual {residual_m:.3} m is above {allowed_m:.3} m")]
+    PoorFit {
+        /// Root mean square found [m].
+        residual_m: f64,
+        /// Root mean square allowed [m].
+        allowed_m: f64,
+    },
+    /// The steps had not become small when their number was used up.
+    #[error("not converged after {iterations} iterations")]
+    NotConverged {
+        /// Steps taken.
+        iterations: u32,
+    },
+    /// The geometry leaves too many directions of motion open.
+    #[error("the geometry constrains {constrained} of 6 directions; {required} are needed")]
+    Degenerate {
+        /// Directions found constrained.
+        constrained: u32,
+        /// Directions needed.
+        required: u32,
+    },
+    /// The method itself failed.
+    #[error("{reason}")]
+    Failed {
+        /// Its own words.
+        reason: String,
+    },
+}

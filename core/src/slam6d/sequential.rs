@@ -1,0 +1,335 @@
+//! Each scan is aligned to the last one that was accepted.
+
+use nalgebra::{Matrix3, Matrix6};
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use super::{
+    AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
+    TargetState, TrajectoryEntry,
+};
+use crate::geometry::{Covariance, Pose};
+use crate::registration::{Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
+use crate::scan::ScanView;
+
+/// The settings of sequential alignment.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SequentialConfig {
+    /// The limits of each alignment.
+    pub limits: Limits,
+    /// What an alignment must show.
+    pub acceptance: AcceptanceConfig,
+    /// The pair distance of the second attempt from the same start [m].
+    pub wide_pair_distance_m: f64,
+    /// The standard deviation of the position of a scan that was not aligned [m].
+    pub guess_sigma_m: f64,
+    /// The standard deviation of the angles of a scan that was not aligned [rad].
+    pub guess_sigma_rotation: f64,
+}
+
+impl Default for SequentialConfig {
+    fn default() -> Self {
+        Self {
+            limits: Limits::default(),
+            acceptance: AcceptanceConfig::default(),
+            wide_pair_distance_m: 5.0,
+            guess_sigma_m: 1.0,
+            guess_sigma_rotation: 0.2,
+        }
+    }
+}
+
+impl SequentialConfig {
+    /// Checks every field.
+    ///
+    /// # Errors
+    /// The first field out of range, and what would be right.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        self.limits.validate()?;
+        self.acceptance.validate()?;
+        ConfigError::check("wide_pair_distance_m", self.wide_pair_distance_m, 1e-3, 100.0)?;
+        ConfigError::check("guess_sigma_m", self.guess_sigma_m, 0.0, 1e4)?;
+        ConfigError::check("guess_sigma_rotation", self.guess_sigma_rotation, 0.0, std::f64::consts::PI)
+    }
+}
+
+/// Why an aligner could not be restored.
+#[derive(Debug, Error)]
+pub enum RestoreError {
+    /// The settings are out of range.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The state names a target, and its scan was not given.
+    #[error("the state's target is scan {scan_id}; its points are needed to go on")]
+    TargetMissing {
+        /// The target's id.
+        scan_id: u64,
+    },
+    /// The target's scan cannot be prepared, so it is not the scan that was accepted.
+    #[error("the target, scan {scan_id}, cannot be prepared again: {error}")]
+    Target {
+        /// The target's id.
+        scan_id: u64,
+        /// Why not.
+        #[source]
+        error: PrepareError,
+    },
+}
+
+/// Aligns scan after scan. It holds one keyframe, that of the last accepted scan, and a pose for each scan.
+pub struct SequentialAligner {
+    registration: Box<dyn Registration>,
+    config: SequentialConfig,
+    state: AlignerState,
+    target: Option<Box<dyn PreparedScan>>,
+}
+
+/// An accepted pair.
+struct Accepted {
+    map_from_scanner: Pose,
+    alignment: Alignment,
+}
+
+impl SequentialAligner {
+    /// An aligner without a map; the first scan defines it.
+    ///
+    /// # Errors
+    /// The first field of the settings out of range.
+    pub fn new(registration: Box<dyn Registration>, config: SequentialConfig) -> Result<Self, ConfigError> {
+        config.validate()?;
+        Ok(Self { registration, config, state: AlignerState::default(), target: None })
+    }
+
+    /// An aligner that goes on from `state`. With the same method, settings and scan of the target as before, all
+    /// later results are the same to the last bit.
+    ///
+    /// # Errors
+    /// [`RestoreError`].
+    pub fn restore(
+        registration: Box<dyn Registration>,
+        config: SequentialConfig,
+        state: AlignerState,
+        target_scan: Option<ScanView<'_>>,
+    ) -> Result<Self, RestoreError> {
+        config.validate()?;
+        let target = match (&state.target, target_scan) {
+            (None, _) => None,
+            (Some(target), None) => return Err(RestoreError::TargetMissing { scan_id: target.scan_id }),
+            (Some(target), Some(scan)) => {
+                let prepared = registration.prepare(scan);
+                Some(prepared.map_err(|error| RestoreError::Target { scan_id: target.scan_id, error })?)
+            }
+        };
+        Ok(Self { registration, config, state, target })
+    }
+
+    /// What a restart needs, beside the scan named as the target in it.
+    #[must_use]
+    pub fn state(&self) -> &AlignerState {
+        &self.state
+    }
+
+    /// The memory held: keyframe and trajectory [bytes].
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        let keyframe = self.target.as_ref().map_or(0, |target| target.bytes());
+        keyframe + self.state.trajectory.capacity() * size_of::<TrajectoryEntry>() + size_of::<Self>()
+    }
+
+    /// Aligns the next scan. `prior` is `map_from_scanner` by odometry, in any fixed frame: only the motion between
+    /// priors counts, except that the first scan is placed at its prior (at identity without one).
+    ///
+    /// A scan that cannot be aligned is flagged with the reason in the record. Its pose is the guess, it never becomes
+    /// a target, and the next scan is aligned to the last accepted one.
+    pub fn align_next(&mut self, scan_id: u64, scan: ScanView<'_>, prior: Option<Pose>) -> AlignmentRecord {
+        let mut record = self.blank_record(scan_id, prior);
+        match self.registration.prepare(scan) {
+            Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
+            Ok(prepared) => match (self.state.target, self.target.take()) {
+                (Some(target), Some(target_scan)) => {
+                    let accepted = self.align(&mut record, &target, &*target_scan, &*prepared);
+                    self.target = Some(if accepted { prepared } else { target_scan });
+                }
+                _ => {
+                    record.status = AlignmentStatus::First;
+                    record.covariance = Covariance::zeros();
+                    self.target = Some(prepared);
+                }
+            },
+        }
+        self.remember(&record);
+        record
+    }
+
+    /// The record of a scan of which only the guess is known.
+    fn blank_record(&self, scan_id: u64, prior: Option<Pose>) -> AlignmentRecord {
+        let (metres, radians) = (self.config.guess_sigma_m.powi(2), self.config.guess_sigma_rotation.powi(2));
+        AlignmentRecord {
+            scan_id,
+            target_id: self.state.target.map(|target| target.scan_id),
+            method: self.registration.name().to_owned(),
+            prior,
+            hypotheses: Vec::new(),
+            map_from_scanner: self.guess(prior),
+            covariance: Matrix6::from_diagonal(&[metres, metres, metres, radians, radians, radians].into()),
+            pair_covariance: None,
+            overlap: 0.0,
+            residual_m: 0.0,
+            iterations: 0,
+            constraint: None,
+            status: AlignmentStatus::First,
+        }
+    }
+
+    /// Where the scan should be: the target's pose and the motion by the priors since, else constant motion.
+    fn guess(&self, prior: Option<Pose>) -> Pose {
+        match (self.state.target, prior) {
+            (None, prior) => prior.unwrap_or_else(Pose::identity),
+            (Some(target), prior) => motion_by_priors(&target, prior)
+                .map_or_else(|| self.constant_motion(), |motion| normalised(target.map_from_scanner * motion)),
+        }
+    }
+
+    /// The last scan's pose and its motion once more.
+    fn constant_motion(&self) -> Pose {
+        let last = self.state.trajectory.last().map_or_else(Pose::identity, |entry| entry.map_from_scanner);
+        normalised(last * self.state.last_motion.unwrap_or_else(Pose::identity))
+    }
+
+    /// The starts to try, likeliest first, with their pair distances.
+    fn starts(&self, target: &TargetState, prior: Option<Pose>) -> Vec<(HypothesisName, Pose, f64)> {
+        let (near, wide) = (self.config.limits.pair_distance_m, self.config.wide_pair_distance_m);
+        let constant = target.map_from_scanner.inverse() * self.constant_motion();
+        let mut starts = Vec::with_capacity(4);
+        if let Some(motion) = motion_by_priors(target, prior) {
+            starts.push((HypothesisName::PriorMotion, motion, near));
+            starts.push((HypothesisName::PriorMotionWide, motion, wide));
+        }
+        starts.push((HypothesisName::ConstantMotion, constant, near));
+        starts.push((HypothesisName::ConstantMotionWide, constant, wide));
+        starts
+    }
+
+    /// Tries one start after the other until a result is accepted, and completes the record.
+    fn align(
+        &mut self,
+        record: &mut AlignmentRecord,
+        target: &TargetState,
+        target_scan: &dyn PreparedScan,
+        source: &dyn PreparedScan,
+    ) -> bool {
+        let has_prior = motion_by_priors(target, record.prior).is_some();
+        for (name, start, pair_distance_m) in self.starts(target, record.prior) {
+            let limits = Limits { pair_distance_m, ..self.config.limits };
+            let result = self.registration.align(target_scan, source, &start, &limits);
+            let (hypothesis, alignment) = self.judge(name, &start, &limits, has_prior, result);
+            record.iterations += hypothesis.iterations;
+            record.hypotheses.push(hypothesis);
+            if let Some(alignment) = alignment {
+                let map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
+                complete(record, target, Accepted { map_from_scanner, alignment });
+                return true;
+            }
+        }
+        let reason = record.hypotheses.first().and_then(|first| first.rejected.clone());
+        let reason = reason.unwrap_or_else(|| Rejection::Failed { reason: "no hypothesis was tried".to_owned() });
+        record.status = AlignmentStatus::NotAligned(reason);
+        false
+    }
+
+    /// The hypothesis as recorded, and the alignment if it is accepted.
+    fn judge(
+        &self,
+        name: HypothesisName,
+        start: &Pose,
+        limits: &Limits,
+        has_prior: bool,
+        result: Result<Alignment, crate::registration::AlignError>,
+    ) -> (Hypothesis, Option<Alignment>) {
+        let failed = Hypothesis {
+            name,
+            start: *start,
+            result: *start,
+            overlap: 0.0,
+            residual_m: 0.0,
+            iterations: 0,
+            rejected: None,
+        };
+        match result {
+            Err(error) => {
+                let rejected = Some(Rejection::Failed { reason: error.to_string() });
+                (Hypothesis { rejected, ..failed }, None)
+            }
+            Ok(alignment) => {
+                let rejected = self.config.acceptance.judge(&alignment, start, limits, has_prior).err();
+                let hypothesis = Hypothesis {
+                    result: alignment.target_from_source,
+                    overlap: alignment.overlap,
+                    residual_m: alignment.residual_rms_m,
+                    iterations: alignment.iterations,
+                    rejected: rejected.clone(),
+                    ..failed
+                };
+                (hypothesis, rejected.is_none().then_some(alignment))
+            }
+        }
+    }
+
+    /// Appends the scan to the trajectory and makes it the target if it was accepted.
+    fn remember(&mut self, record: &AlignmentRecord) {
+        let map_from_scanner = record.map_from_scanner;
+        let last = self.state.trajectory.last();
+        self.state.last_motion = last.map(|last| last.map_from_scanner.inverse() * map_from_scanner);
+        let accepted = record.is_accepted();
+        self.state.trajectory.push(TrajectoryEntry { scan_id: record.scan_id, map_from_scanner, accepted });
+        if accepted {
+            let (scan_id, prior, covariance) = (record.scan_id, record.prior, record.covariance);
+            self.state.target = Some(TargetState { scan_id, map_from_scanner, prior, covariance });
+        }
+    }
+}
+
+/// The motion since the target, `target_from_source`, if both scans came with a prior.
+fn motion_by_priors(target: &TargetState, prior: Option<Pose>) -> Option<Pose> {
+    Some(target.prior?.inverse() * prior?)
+}
+
+/// The pose with a quaternion of unit length again; products wear it off.
+fn normalised(mut pose: Pose) -> Pose {
+    pose.rotation.renormalize();
+    pose
+}
+
+/// Writes an accepted pair into the record.
+fn complete(record: &mut AlignmentRecord, target: &TargetState, accepted: Accepted) {
+    let alignment = accepted.alignment;
+    record.map_from_scanner = accepted.map_from_scanner;
+    // A perturbation of the target's pose seen from the source: exp(x) T = T exp(Ad(T^-1) x).
+    let carried = adjoint(&alignment.target_from_source.inverse());
+    record.covariance = carried * target.covariance * carried.transpose() + alignment.covariance;
+    record.pair_covariance = Some(alignment.covariance);
+    record.overlap = alignment.overlap;
+    record.residual_m = alignment.residual_rms_m;
+    record.constraint = Some(alignment.constraint);
+    record.status = AlignmentStatus::Aligned;
+}
+
+/// The adjoint of a pose, for twists with translation before rotation.
+pub(super) fn adjoint(pose: &Pose) -> Matrix6<f64> {
+    let rotation: Matrix3<f64> = pose.rotation.to_rotation_matrix().into_inner();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose.translation.vector.cross_matrix() * rotation));
+    adjoint
+}
+
+/// Why the scan itself is of no use.
+fn rejection_of(error: PrepareError) -> Rejection {
+    match error {
+        PrepareError::TooFewPoints { points, required } => Rejection::TooFewPoints { points, required },
+        PrepareError::NoPoints { .. } => Rejection::TooFewPoints { points: 0, required: 1 },
+        PrepareError::Method { .. } => Rejection::Failed { reason: error.to_string() },
+    }
+}
