@@ -1,1 +1,13 @@
-//! acquisition
+//! The process that delivers scans: from files, from a recording, or from the ray-cast scanner in a scene.
+//!
+//! It writes each cloud once, straight into shared memory, and in lockstep waits with the next one until every service
+//! has finished the last. It keeps the clock of the run.
+
+mod config;
+mod no_return;
+mod service;
+mod source;
+
+pub use config::{AcquisitionConfig, ConfigError, SourceKind, parse_grid};
+pub use service::{AcquisitionError, run};
+pub use source::{ScanInfo, Source, SourceError, Written, open_source, scene_of, true_poses};

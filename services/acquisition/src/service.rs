@@ -1,0 +1,317 @@
+//! The loop: clock, prior, scan; then wait until everyone is done.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use mirador_core::geometry::{Pose, rows_from_pose};
+use mirador_ipc_schema::messages::{
+    CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, Envelope, Header, PoseEstimate, SCAN_HAS_PRIOR, ScanId,
+    ScanMeta, ScanRequestKind,
+};
+use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
+use mirador_ipc_schema::{
+    JoinError, LoanError, Participant, PortError, PublishError, Publisher, ReceiveFailure, SendFailure, Subscriber,
+    clock, text, topics,
+};
+
+use crate::no_return::empty_no_returns;
+use crate::source::{ScanInfo, Source, SourceError, open_source};
+use crate::{AcquisitionConfig, ConfigError};
+
+/// Why acquisition ended.
+#[derive(Debug, thiserror::Error)]
+pub enum AcquisitionError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The source cannot be opened.
+    #[error(transparent)]
+    Source(#[from] SourceError),
+    /// The domain cannot be joined.
+    #[error(transparent)]
+    Join(#[from] JoinError),
+    /// A topic cannot be opened.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// A message could not be received.
+    #[error(transparent)]
+    Receive(#[from] ReceiveFailure),
+    /// A message could not be sent.
+    #[error(transparent)]
+    Publish(#[from] PublishError),
+    /// Where the run stands could not be written down.
+    #[error("{path}: {source}")]
+    State {
+        /// The file.
+        path: std::path::PathBuf,
+        /// What the system said.
+        source: std::io::Error,
+    },
+}
+
+impl From<LoanError> for AcquisitionError {
+    fn from(error: LoanError) -> Self {
+        Self::Publish(error.into())
+    }
+}
+
+impl From<SendFailure> for AcquisitionError {
+    fn from(error: SendFailure) -> Self {
+        Self::Publish(error.into())
+    }
+}
+
+/// Delivers the scans of the configured source until the last one is finished and the process is stopped.
+///
+/// # Errors
+/// See [`AcquisitionError`].
+pub fn run(setup: &ServiceSetup, config: &AcquisitionConfig) -> Result<(), AcquisitionError> {
+    let mut source = open_source(config, setup.threads)?;
+    let participant = setup.join()?;
+    let mut acquisition = Acquisition::open(setup, config, participant)?;
+    match acquisition.deliver_all(source.as_mut()) {
+        Ok(()) => Ok(()),
+        Err(error) => {
+            // What was delivered stands; the supervisor ends the run and says why.
+            acquisition.health.failed(&acquisition.participant, &error.to_string());
+            acquisition.send_clock(CLOCK_FAULT, 0, source.scans())?;
+            tracing::error!(%error, "no further scan can be delivered");
+            acquisition.serve_until_stopped(source.as_mut())?;
+            Err(error)
+        }
+    }
+}
+
+struct Acquisition<'a> {
+    setup: &'a ServiceSetup,
+    config: &'a AcquisitionConfig,
+    participant: Participant,
+    clock: Publisher<topics::Clock>,
+    pose: Publisher<topics::Pose>,
+    scan: Publisher<topics::Scan>,
+    requests: Subscriber<topics::ScanRequests>,
+    others: Subscriber<topics::ServiceHealth>,
+    health: HealthReporter,
+    /// Scans finished by each service that lockstep waits for.
+    finished: BTreeMap<String, u32>,
+}
+
+impl<'a> Acquisition<'a> {
+    fn open(
+        setup: &'a ServiceSetup,
+        config: &'a AcquisitionConfig,
+        participant: Participant,
+    ) -> Result<Self, AcquisitionError> {
+        Ok(Self {
+            setup,
+            config,
+            others: participant.subscriber()?,
+            requests: participant.subscriber()?,
+            clock: participant.publisher()?,
+            pose: participant.publisher()?,
+            scan: participant.publisher()?,
+            health: HealthReporter::open(&participant, &setup.name)?,
+            finished: config.lockstep_with.iter().map(|name| (name.clone(), 0)).collect(),
+            participant,
+        })
+    }
+
+    fn deliver_all(&mut self, source: &mut dyn Source) -> Result<(), AcquisitionError> {
+        tracing::info!(source = source.describe(), "source open");
+        let total = u32::try_from(source.scans()).unwrap_or(u32::MAX);
+        let first = self.released_before()?.min(total.saturating_sub(1));
+        self.health.running(&self.participant);
+        self.wait_for_services(source)?;
+        let begin = Instant::now();
+        let mut first_stamp = None;
+        for step in first..total {
+            let Some(info) = source.info(step as usize) else { break };
+            let first_stamp = *first_stamp.get_or_insert(info.stamp_ns);
+            self.wait_until_due(source, begin, info.stamp_ns - first_stamp)?;
+            if self.setup.stop.is_set() {
+                return Ok(());
+            }
+            self.release(source, step, &info)?;
+            self.wait_until_finished(source, step)?;
+        }
+        self.wait_for_stragglers(source, total)?;
+        if !self.setup.stop.is_set() {
+            self.send_clock(CLOCK_ENDED, total.saturating_sub(1), source.scans())?;
+        }
+        self.serve_until_stopped(source)
+    }
+
+    /// How many scans an earlier incarnation had released without knowing them finished; the last is sent again.
+    fn released_before(&self) -> Result<u32, AcquisitionError> {
+        if self.setup.incarnation == 0 {
+            return Ok(0);
+        }
+        match fs::read_to_string(self.setup.state_file()) {
+            Ok(text) => Ok(text.trim().parse().unwrap_or(0)),
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(0),
+            Err(source) => Err(AcquisitionError::State { path: self.setup.state_file(), source }),
+        }
+    }
+
+    fn release(&mut self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), AcquisitionError> {
+        write_atomically(&self.setup.state_file(), &step.to_string())?;
+        self.send_clock(CLOCK_RUNNING, step, source.scans())?;
+        let begin = Instant::now();
+        self.send_scan(source, step, info)?;
+        self.health.finished(&self.participant, step + 1, begin.elapsed());
+        Ok(())
+    }
+
+    fn id(&self, scan: u32) -> u64 {
+        ScanId { robot: 0, run: self.setup.run, scan }.pack()
+    }
+
+    fn send_clock(&self, state: u32, step: u32, scans: usize) -> Result<(), AcquisitionError> {
+        let mut loan = self.clock.loan(1)?;
+        *loan.meta_mut() = ClockMeta {
+            header: Header::new(self.id(step), 0),
+            scans_expected: u32::try_from(scans).unwrap_or(u32::MAX),
+            state,
+            lockstep: u32::from(self.config.speed == 0.0),
+            ..ClockMeta::default()
+        };
+        Ok(loan.send()?)
+    }
+
+    fn send_scan(&self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), AcquisitionError> {
+        let began_ns = clock::monotonic_ns();
+        let header = Header { began_ns, ..Header::new(self.id(step), info.stamp_ns) };
+        let mut loan = self.scan.loan(info.cells)?;
+        let points: &mut [mirador_core::scan::Point] = bytemuck::cast_slice_mut(loan.items_mut());
+        let written = source.write(step as usize, points)?;
+        let (range_min_m, range_max_m) = (self.config.range_min_m, self.config.range_max_m);
+        let emptied = if written.filtered {
+            0
+        } else {
+            empty_no_returns(points, range_min_m, range_max_m, self.config.drop_no_return_code)
+        };
+        let returns = points.iter().filter(|p| p.is_return()).count();
+        if let Some(prior) = &info.prior {
+            self.send_prior(header, prior)?;
+        }
+        *loan.meta_mut() = ScanMeta {
+            header,
+            origin: written.origin,
+            rows: written.grid.map_or(0, |g| g.rows as u32),
+            cols: written.grid.map_or(0, |g| g.cols as u32),
+            returns: returns as u32,
+            flags: if info.prior.is_some() { SCAN_HAS_PRIOR } else { 0 },
+            duration_ns: written.duration_ns,
+            source_index: step,
+            range_min_m,
+            range_max_m,
+            out_of_range: emptied as u32,
+            ..ScanMeta::default()
+        };
+        if tracing::enabled!(tracing::Level::DEBUG) {
+            if let Some(place) = loan.location() {
+                tracing::debug!(scan = step, inode = place.inode, offset = place.offset, "payload");
+            }
+        }
+        Ok(loan.send()?)
+    }
+
+    fn send_prior(&self, header: Header, prior: &Pose) -> Result<(), AcquisitionError> {
+        let estimate = PoseEstimate { map_from_scanner: rows_from_pose(prior), ..PoseEstimate::default() };
+        Ok(self.pose.send_one(Envelope { header }, estimate)?)
+    }
+
+    /// Waits until every service of the lockstep has reported once: nothing is released to a graph that is not there.
+    fn wait_for_services(&mut self, source: &mut dyn Source) -> Result<(), AcquisitionError> {
+        let mut seen = std::collections::BTreeSet::new();
+        while !self.setup.stop.is_set() && seen.len() < self.finished.len() {
+            self.pause(source, HEARTBEAT, |name, _| {
+                seen.insert(name.to_owned());
+            })?;
+            seen.retain(|name| self.finished.contains_key(name));
+        }
+        Ok(())
+    }
+
+    fn wait_until_due(&mut self, source: &mut dyn Source, begin: Instant, after_ns: i64) -> Result<(), AcquisitionError> {
+        if self.config.speed == 0.0 {
+            return Ok(());
+        }
+        let due = begin + Duration::from_secs_f64(after_ns.max(0) as f64 * 1e-9 / self.config.speed);
+        while !self.setup.stop.is_set() && Instant::now() < due {
+            let left = due.saturating_duration_since(Instant::now());
+            self.pause(source, left.min(HEARTBEAT), |_, _| {})?;
+        }
+        Ok(())
+    }
+
+    fn wait_until_finished(&mut self, source: &mut dyn Source, step: u32) -> Result<(), AcquisitionError> {
+        if self.config.speed != 0.0 {
+            return Ok(());
+        }
+        self.wait_for_stragglers(source, step + 1)
+    }
+
+    /// Waits until every service has finished `count` scans.
+    fn wait_for_stragglers(&mut self, source: &mut dyn Source, count: u32) -> Result<(), AcquisitionError> {
+        while !self.setup.stop.is_set() && self.finished.values().any(|done| *done < count) {
+            self.pause(source, HEARTBEAT, |_, _| {})?;
+        }
+        Ok(())
+    }
+
+    fn serve_until_stopped(&mut self, source: &mut dyn Source) -> Result<(), AcquisitionError> {
+        while !self.setup.stop.is_set() {
+            self.pause(source, HEARTBEAT, |_, _| {})?;
+        }
+        Ok(())
+    }
+
+    /// Waits for a message or the time, and does what is always to be done: acknowledgements, requests for old scans,
+    /// history for late joiners, health.
+    fn pause(
+        &mut self,
+        source: &mut dyn Source,
+        time: Duration,
+        mut seen: impl FnMut(&str, u32),
+    ) -> Result<(), AcquisitionError> {
+        self.participant.wait(&[&self.others, &self.requests], time);
+        while let Some(message) = self.others.receive()? {
+            for health in message.items() {
+                let name = text::unpack(&health.service);
+                seen(name, health.finished_scans);
+                if let Some(done) = self.finished.get_mut(name) {
+                    *done = health.finished_scans;
+                }
+            }
+        }
+        let mut resend = Vec::new();
+        while let Some(message) = self.requests.receive()? {
+            resend.extend(message.items().iter().filter(|r| r.kind == ScanRequestKind::RESEND).map(|r| r.scan));
+        }
+        for step in resend {
+            match source.info(step as usize) {
+                Some(info) => self.send_scan(source, step, &info)?,
+                None => tracing::warn!(scan = step, "a scan was asked for that does not exist"),
+            }
+        }
+        self.clock.serve_late_joiners();
+        self.pose.serve_late_joiners();
+        self.scan.serve_late_joiners();
+        self.health.heartbeat(&self.participant);
+        Ok(())
+    }
+}
+
+/// Replaces a small file in one step, so that a kill leaves the old or the new content.
+fn write_atomically(path: &Path, content: &str) -> Result<(), AcquisitionError> {
+    let fail = |source| AcquisitionError::State { path: path.into(), source };
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent).map_err(fail)?;
+    }
+    let temporary = path.with_extension("new");
+    fs::write(&temporary, content).map_err(fail)?;
+    fs::rename(&temporary, path).map_err(fail)
+}
