@@ -62,9 +62,9 @@ struct Beam {
     /// Cosine and sine of its angle in the sweep's plane.
     cos: f64,
     sin: f64,
-    /// Cosine and sine of the azimuth by which it lags behind the first beam of its sweep.
-    lag_cos: f64,
-    lag_sin: f64,
+    /// Cosine and sine of the azimuth by which the head is ahead of the first beam of its sweep.
+    ahead_cos: f64,
+    ahead_sin: f64,
     /// When it is fired, in sweeps after the first beam of its sweep.
     after: f64,
 }
@@ -90,9 +90,9 @@ impl Scanner {
                 let (sin, cos) = (config.first_beam_deg + turned_deg).to_radians().sin_cos();
                 // The mirror turns once, 360 deg, while the head advances one step.
                 let after = turned_deg / 360.0;
-                let lag = if config.turns_while_sweeping { after * step } else { 0.0 };
-                let (lag_sin, lag_cos) = lag.sin_cos();
-                Beam { cos, sin, lag_cos, lag_sin, after }
+                let ahead = if config.turns_while_sweeping { after * step } else { 0.0 };
+                let (ahead_sin, ahead_cos) = ahead.sin_cos();
+                Beam { cos, sin, ahead_cos, ahead_sin, after }
             })
             .collect();
         Ok(Self { config, beams })
@@ -245,8 +245,8 @@ impl Scanner {
 impl Beam {
     /// The unit ray in the scanner's frame when the first beam of its sweep has this azimuth (cosine, sine).
     fn ray(&self, head: (f64, f64)) -> Vector3<f64> {
-        let cos = head.0 * self.lag_cos - head.1 * self.lag_sin;
-        let sin = head.1 * self.lag_cos + head.0 * self.lag_sin;
+        let cos = head.0 * self.ahead_cos - head.1 * self.ahead_sin;
+        let sin = head.1 * self.ahead_cos + head.0 * self.ahead_sin;
         Vector3::new(self.cos * cos, self.cos * sin, self.sin)
     }
 }
