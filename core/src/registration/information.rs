@@ -25,6 +25,17 @@ pub(super) struct PlaneSystem {
     range_sq: f64,
 }
 
+/// How the distances to the tangent planes err.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ErrorModel {
+    /// Variance of each distance [m^2].
+    pub variance: f64,
+    /// How many points have one error in common.
+    pub share: f64,
+    /// A pull that all points have in common and no number of them averages out [m].
+    pub bias_m: f64,
+}
+
 impl PlaneSystem {
     /// Adds a pair with the residual `n . (p - m)` and its derivative `[n, p x n]` by a perturbation on the right.
     #[inline]
@@ -94,14 +105,14 @@ impl PlaneSystem {
         step.component_div(&constraint.scale())
     }
 
-    /// The covariance of the pose, if each point's residual has the variance `variance` [m^2] and `share` points have
-    /// one error in common. Unconstrained directions get at least `unknown_m` as their standard deviation.
-    pub fn covariance(&self, constraint: &Constraint, variance: f64, share: f64, unknown_m: f64) -> Covariance {
-        let known = (variance + LEAST_VARIANCE) * share / self.weight.max(1.0);
+    /// The covariance of the pose. Unconstrained directions get at least `unknown_m` as their standard deviation.
+    pub fn covariance(&self, constraint: &Constraint, errors: &ErrorModel, unknown_m: f64) -> Covariance {
+        let known = (errors.variance + LEAST_VARIANCE) * errors.share / self.weight.max(1.0);
         let mut covariance = Covariance::zeros();
         for k in 0..6 {
             // An eigenvalue of zero would make it infinite, which no reader could use.
-            let mut spread = known / constraint.eigenvalues[k].max(1e-9);
+            let eigenvalue = constraint.eigenvalues[k].max(1e-4);
+            let mut spread = known / eigenvalue + (errors.bias_m / eigenvalue).powi(2);
             if !constraint.is_constrained(k) {
                 spread = spread.max(unknown_m * unknown_m);
             }

@@ -3,7 +3,7 @@
 use nalgebra::UnitQuaternion;
 
 use super::correspondences::{Matcher, PairSum};
-use super::information::PlaneSystem;
+use super::information::{ErrorModel, PlaneSystem};
 use super::prepared::PreparedCloud;
 use super::{AlignError, Alignment, Constraint, Limits, PreparedScan, RegistrationConfig};
 use crate::geometry::{self, Pose, Twist};
@@ -60,8 +60,8 @@ pub(super) trait Minimiser {
     /// What a source point without a partner costs [m^2].
     fn unpaired_cost(&self, config: &RegistrationConfig, final_gate_m: f64) -> f64;
 
-    /// The variance of a pair's distance to the tangent plane [m^2].
-    fn variance(&self, sum: &Self::Sum) -> f64;
+    /// How the pairs' distances to the tangent planes err; `share` points have one error in common.
+    fn errors(&self, sum: &Self::Sum, share: f64) -> ErrorModel;
 }
 
 /// Two scans, a start and everything that bounds the way from there.
@@ -103,7 +103,7 @@ impl<'a> Problem<'a> {
         loop {
             let sum = self.pass(method, matcher, &walk.pose, walk.gate);
             walk.judge(self.cost(method, M::evidence(&sum)));
-            if walk.converged || walk.iterations >= self.limits.max_iterations {
+            if walk.settled || walk.iterations >= self.limits.max_iterations {
                 break;
             }
             let constraint = M::evidence(&sum).plane.constraint(threshold);
@@ -138,17 +138,16 @@ impl<'a> Problem<'a> {
         let evidence = M::evidence(sum);
         let config = self.config;
         let constraint = evidence.plane.constraint(config.constrained_eigenvalue);
-        let share = config.points_per_independent_error;
-        let unknown = self.limits.pair_distance_m;
+        let errors = method.errors(sum, config.points_per_independent_error);
         Alignment {
             target_from_source: walk.best.pose,
-            covariance: evidence.plane.covariance(&constraint, method.variance(sum), share, unknown),
+            covariance: evidence.plane.covariance(&constraint, &errors, self.limits.pair_distance_m),
             overlap: f64::from(evidence.overlapping) / self.source.points().len() as f64,
             overlap_distance_m: config.overlap_distance_m,
             residual_rms_m: (evidence.residual_sq / f64::from(evidence.pairs.max(1))).sqrt(),
             cost: walk.best.cost,
             iterations: walk.iterations,
-            converged: walk.converged,
+            converged: walk.settled && !walk.limited && !walk.best.limited,
             limit_reached: walk.best.limited,
             constraint,
         }
@@ -169,7 +168,8 @@ struct Walk {
     gate: f64,
     final_gate: f64,
     iterations: u32,
-    converged: bool,
+    /// The last step was below the tolerances, at the final pair distance.
+    settled: bool,
     best: Best,
 }
 
@@ -181,7 +181,7 @@ impl Walk {
             gate: problem.limits.pair_distance_m,
             final_gate: problem.final_gate(),
             iterations: 0,
-            converged: false,
+            settled: false,
             best: Best { pose: *problem.start, cost: f64::INFINITY, limited: false },
         }
     }
@@ -205,21 +205,21 @@ impl Walk {
         self.iterations += 1;
         let config = problem.config;
         if self.gate <= self.final_gate {
-            let still = shift < config.translation_tolerance_m && turn < config.rotation_tolerance;
-            self.converged = still && !limited;
+            self.settled = shift < config.translation_tolerance_m && turn < config.rotation_tolerance;
         } else if shift + turn * length_m < SETTLED_SHARE * self.gate {
             self.gate = (0.5 * self.gate).max(self.final_gate);
         }
     }
 }
 
-/// The pose moved back onto the border of the limits around `start`, and whether it was beyond.
+/// The pose moved back onto the border of the limits around `start`, and whether it was on it or beyond.
 fn within_limits(pose: &Pose, start: &Pose, limits: &Limits) -> (Pose, bool) {
     let mut moved = start.inverse() * pose;
     let shift = moved.translation.vector.norm();
     let turn = geometry::rotation_angle(&moved);
-    let limited = shift > limits.max_translation_m || turn > limits.max_rotation;
-    if !limited {
+    // A pose once moved to the border may lie a rounding error inside it.
+    const BORDER: f64 = 1.0 - 1e-9;
+    if shift <= BORDER * limits.max_translation_m && turn <= BORDER * limits.max_rotation {
         return (*pose, false);
     }
     if shift > limits.max_translation_m {

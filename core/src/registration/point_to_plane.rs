@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 
 use super::correspondences::{Matcher, Pair, PairSum};
+use super::information::ErrorModel;
 use super::iteration::{Evidence, Minimiser, Problem};
 use super::prepared::PreparedCloud;
 use super::{
@@ -125,7 +126,8 @@ impl Minimiser for GaussNewton {
         config.robust_scale_m * config.robust_scale_m
     }
 
-    fn variance(&self, sum: &Sum) -> f64 {
-        sum.evidence.plane.residual_sq / sum.evidence.plane.weight.max(1.0)
+    fn errors(&self, sum: &Sum, share: f64) -> ErrorModel {
+        let plane = &sum.evidence.plane;
+        ErrorModel { variance: plane.residual_sq / plane.weight.max(1.0), share, bias_m: 0.0 }
     }
 }

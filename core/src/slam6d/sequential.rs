@@ -9,7 +9,7 @@ use super::{
     TargetState, TrajectoryEntry,
 };
 use crate::geometry::{Covariance, Pose};
-use crate::registration::{Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
+use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
 
 /// The settings of sequential alignment.
@@ -75,6 +75,16 @@ pub enum RestoreError {
         #[source]
         error: PrepareError,
     },
+    /// The scan given is not the target, or the method or its settings are not those of the state.
+    #[error("scan {scan_id} reduces to {points} points, but it had {expected}: another scan, method or voxel size")]
+    OtherTarget {
+        /// The target's id.
+        scan_id: u64,
+        /// Reduced points now.
+        points: u64,
+        /// Reduced points when it was accepted.
+        expected: u64,
+    },
 }
 
 /// Aligns scan after scan. It holds one keyframe, that of the last accepted scan, and a pose for each scan.
@@ -117,8 +127,13 @@ impl SequentialAligner {
             (None, _) => None,
             (Some(target), None) => return Err(RestoreError::TargetMissing { scan_id: target.scan_id }),
             (Some(target), Some(scan)) => {
-                let prepared = registration.prepare(scan);
-                Some(prepared.map_err(|error| RestoreError::Target { scan_id: target.scan_id, error })?)
+                let scan_id = target.scan_id;
+                let prepared = registration.prepare(scan).map_err(|error| RestoreError::Target { scan_id, error })?;
+                let (points, expected) = (prepared.points().len() as u64, target.reduced_points);
+                if points != expected {
+                    return Err(RestoreError::OtherTarget { scan_id, points, expected });
+                }
+                Some(prepared)
             }
         };
         Ok(Self { registration, config, state, target })
@@ -219,11 +234,10 @@ impl SequentialAligner {
         target_scan: &dyn PreparedScan,
         source: &dyn PreparedScan,
     ) -> bool {
-        let has_prior = motion_by_priors(target, record.prior).is_some();
         for (name, start, pair_distance_m) in self.starts(target, record.prior) {
             let limits = Limits { pair_distance_m, ..self.config.limits };
             let result = self.registration.align(target_scan, source, &start, &limits);
-            let (hypothesis, alignment) = self.judge(name, &start, &limits, has_prior, result);
+            let (hypothesis, alignment) = self.judge(name, &start, &limits, result);
             record.iterations += hypothesis.iterations;
             record.hypotheses.push(hypothesis);
             if let Some(alignment) = alignment {
@@ -244,9 +258,9 @@ impl SequentialAligner {
         name: HypothesisName,
         start: &Pose,
         limits: &Limits,
-        has_prior: bool,
-        result: Result<Alignment, crate::registration::AlignError>,
+        result: Result<Alignment, AlignError>,
     ) -> (Hypothesis, Option<Alignment>) {
+        let has_prior = matches!(name, HypothesisName::PriorMotion | HypothesisName::PriorMotionWide);
         let failed = Hypothesis {
             name,
             start: *start,
@@ -285,7 +299,8 @@ impl SequentialAligner {
         self.state.trajectory.push(TrajectoryEntry { scan_id: record.scan_id, map_from_scanner, accepted });
         if accepted {
             let (scan_id, prior, covariance) = (record.scan_id, record.prior, record.covariance);
-            self.state.target = Some(TargetState { scan_id, map_from_scanner, prior, covariance });
+            let reduced_points = self.target.as_ref().map_or(0, |target| target.points().len() as u64);
+            self.state.target = Some(TargetState { scan_id, map_from_scanner, prior, reduced_points, covariance });
         }
     }
 }

@@ -35,6 +35,8 @@ pub struct TargetState {
     pub map_from_scanner: Pose,
     /// The prior it came with, `map_from_scanner` by odometry.
     pub prior: Option<Pose>,
+    /// The number of its reduced points, by which a restart knows it again.
+    pub reduced_points: u64,
     /// Covariance of its pose, see [`super::AlignmentRecord::covariance`].
     pub covariance: Covariance,
 }
