@@ -152,6 +152,12 @@ impl SequentialAligner {
         keyframe + self.state.trajectory.capacity() * size_of::<TrajectoryEntry>() + size_of::<Self>()
     }
 
+    /// The number of reduced points of the keyframe it holds; 0 before the first scan.
+    #[must_use]
+    pub fn keyframe_points(&self) -> usize {
+        self.target.as_ref().map_or(0, |target| target.points().len())
+    }
+
     /// Aligns the next scan. `prior` is `map_from_scanner` by odometry, in any fixed frame: only the motion between
     /// priors counts, except that the first scan is placed at its prior (at identity without one).
     ///

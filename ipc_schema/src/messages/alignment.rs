@@ -36,7 +36,8 @@ message! {
         pub target_scan: u32,
         /// Iterations of the accepted hypothesis.
         pub iterations: u32,
-        /// Bit k is set when direction k (x, y, z, rotation about x, y, z) is constrained by the geometry.
+        /// Bit k is set when the geometry determines the pair's principal direction k, in the order of the Hessian's
+        /// eigenvalues from the smallest to the largest.
         pub constrained: u32,
         /// 1 when there was a prior.
         pub has_prior: u32,

@@ -9,5 +9,5 @@ mod service;
 mod source;
 
 pub use config::{AcquisitionConfig, ConfigError, SourceKind, parse_grid};
-pub use service::{AcquisitionError, run};
+pub use service::run;
 pub use source::{ScanInfo, Source, SourceError, Written, open_source, scene_of, true_poses};

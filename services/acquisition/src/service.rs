@@ -1,8 +1,6 @@
 //! The loop: clock, prior, scan; then wait until everyone is done.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::Path;
 use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, rows_from_pose};
@@ -11,64 +9,19 @@ use mirador_ipc_schema::messages::{
     ScanMeta, ScanRequestKind,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{
-    JoinError, LoanError, Participant, PortError, PublishError, Publisher, ReceiveFailure, SendFailure, Subscriber,
-    clock, text, topics,
-};
+use mirador_ipc_schema::{Participant, Publisher, Subscriber, clock, text, topics};
+use mirador_service_common::{CheckpointError, ServiceError, checkpoint};
 
 use crate::no_return::empty_no_returns;
 use crate::source::{ScanInfo, Source, SourceError, open_source};
-use crate::{AcquisitionConfig, ConfigError};
-
-/// Why acquisition ended.
-#[derive(Debug, thiserror::Error)]
-pub enum AcquisitionError {
-    /// The configuration is wrong.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The source cannot be opened.
-    #[error(transparent)]
-    Source(#[from] SourceError),
-    /// The domain cannot be joined.
-    #[error(transparent)]
-    Join(#[from] JoinError),
-    /// A topic cannot be opened.
-    #[error(transparent)]
-    Port(#[from] PortError),
-    /// A message could not be received.
-    #[error(transparent)]
-    Receive(#[from] ReceiveFailure),
-    /// A message could not be sent.
-    #[error(transparent)]
-    Publish(#[from] PublishError),
-    /// Where the run stands could not be written down.
-    #[error("{path}: {source}")]
-    State {
-        /// The file.
-        path: std::path::PathBuf,
-        /// What the system said.
-        source: std::io::Error,
-    },
-}
-
-impl From<LoanError> for AcquisitionError {
-    fn from(error: LoanError) -> Self {
-        Self::Publish(error.into())
-    }
-}
-
-impl From<SendFailure> for AcquisitionError {
-    fn from(error: SendFailure) -> Self {
-        Self::Publish(error.into())
-    }
-}
+use crate::AcquisitionConfig;
 
 /// Delivers the scans of the configured source until the last one is finished and the process is stopped.
 ///
 /// # Errors
-/// See [`AcquisitionError`].
-pub fn run(setup: &ServiceSetup, config: &AcquisitionConfig) -> Result<(), AcquisitionError> {
-    let mut source = open_source(config, setup.threads)?;
+/// See [`ServiceError`].
+pub fn run(setup: &ServiceSetup, config: &AcquisitionConfig) -> Result<(), ServiceError> {
+    let mut source = open_source(config, setup.threads).map_err(unusable)?;
     let participant = setup.join()?;
     let mut acquisition = Acquisition::open(setup, config, participant)?;
     match acquisition.deliver_all(source.as_mut()) {
@@ -103,7 +56,7 @@ impl<'a> Acquisition<'a> {
         setup: &'a ServiceSetup,
         config: &'a AcquisitionConfig,
         participant: Participant,
-    ) -> Result<Self, AcquisitionError> {
+    ) -> Result<Self, ServiceError> {
         Ok(Self {
             setup,
             config,
@@ -118,7 +71,7 @@ impl<'a> Acquisition<'a> {
         })
     }
 
-    fn deliver_all(&mut self, source: &mut dyn Source) -> Result<(), AcquisitionError> {
+    fn deliver_all(&mut self, source: &mut dyn Source) -> Result<(), ServiceError> {
         tracing::info!(source = source.describe(), "source open");
         let total = u32::try_from(source.scans()).unwrap_or(u32::MAX);
         let first = self.released_before()?.min(total.saturating_sub(1));
@@ -144,19 +97,20 @@ impl<'a> Acquisition<'a> {
     }
 
     /// How many scans an earlier incarnation had released without knowing them finished; the last is sent again.
-    fn released_before(&self) -> Result<u32, AcquisitionError> {
+    fn released_before(&self) -> Result<u32, ServiceError> {
         if self.setup.incarnation == 0 {
             return Ok(0);
         }
-        match fs::read_to_string(self.setup.state_file()) {
-            Ok(text) => Ok(text.trim().parse().unwrap_or(0)),
-            Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(0),
-            Err(source) => Err(AcquisitionError::State { path: self.setup.state_file(), source }),
-        }
+        let path = self.setup.state_file();
+        let Some(content) = checkpoint::load(&path)? else { return Ok(0) };
+        let text = String::from_utf8_lossy(&content);
+        text.trim().parse().map_err(|_| {
+            CheckpointError::Invalid { path, reason: format!("'{}' is not the number of a scan", text.trim()) }.into()
+        })
     }
 
-    fn release(&mut self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), AcquisitionError> {
-        write_atomically(&self.setup.state_file(), &step.to_string())?;
+    fn release(&mut self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), ServiceError> {
+        checkpoint::save(&self.setup.state_file(), step.to_string().as_bytes())?;
         self.send_clock(CLOCK_RUNNING, step, source.scans())?;
         let begin = Instant::now();
         self.send_scan(source, step, info)?;
@@ -168,7 +122,7 @@ impl<'a> Acquisition<'a> {
         ScanId { robot: 0, run: self.setup.run, scan }.pack()
     }
 
-    fn send_clock(&self, state: u32, step: u32, scans: usize) -> Result<(), AcquisitionError> {
+    fn send_clock(&self, state: u32, step: u32, scans: usize) -> Result<(), ServiceError> {
         let mut loan = self.clock.loan(1)?;
         *loan.meta_mut() = ClockMeta {
             header: Header::new(self.id(step), 0),
@@ -180,12 +134,12 @@ impl<'a> Acquisition<'a> {
         Ok(loan.send()?)
     }
 
-    fn send_scan(&self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), AcquisitionError> {
+    fn send_scan(&self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), ServiceError> {
         let began_ns = clock::monotonic_ns();
         let header = Header { began_ns, ..Header::new(self.id(step), info.stamp_ns) };
         let mut loan = self.scan.loan(info.cells)?;
         let points: &mut [mirador_core::scan::Point] = bytemuck::cast_slice_mut(loan.items_mut());
-        let written = source.write(step as usize, points)?;
+        let written = source.write(step as usize, points).map_err(unusable)?;
         let (range_min_m, range_max_m) = (self.config.range_min_m, self.config.range_max_m);
         let emptied = if written.filtered {
             0
@@ -218,13 +172,13 @@ impl<'a> Acquisition<'a> {
         Ok(loan.send()?)
     }
 
-    fn send_prior(&self, header: Header, prior: &Pose) -> Result<(), AcquisitionError> {
+    fn send_prior(&self, header: Header, prior: &Pose) -> Result<(), ServiceError> {
         let estimate = PoseEstimate { map_from_scanner: rows_from_pose(prior), ..PoseEstimate::default() };
         Ok(self.pose.send_one(Envelope { header }, estimate)?)
     }
 
     /// Waits until every service of the lockstep has reported once: nothing is released to a graph that is not there.
-    fn wait_for_services(&mut self, source: &mut dyn Source) -> Result<(), AcquisitionError> {
+    fn wait_for_services(&mut self, source: &mut dyn Source) -> Result<(), ServiceError> {
         let mut seen = std::collections::BTreeSet::new();
         while !self.setup.stop.is_set() && seen.len() < self.finished.len() {
             self.pause(source, HEARTBEAT, |name, _| {
@@ -235,7 +189,7 @@ impl<'a> Acquisition<'a> {
         Ok(())
     }
 
-    fn wait_until_due(&mut self, source: &mut dyn Source, begin: Instant, after_ns: i64) -> Result<(), AcquisitionError> {
+    fn wait_until_due(&mut self, source: &mut dyn Source, begin: Instant, after_ns: i64) -> Result<(), ServiceError> {
         if self.config.speed == 0.0 {
             return Ok(());
         }
@@ -247,7 +201,7 @@ impl<'a> Acquisition<'a> {
         Ok(())
     }
 
-    fn wait_until_finished(&mut self, source: &mut dyn Source, step: u32) -> Result<(), AcquisitionError> {
+    fn wait_until_finished(&mut self, source: &mut dyn Source, step: u32) -> Result<(), ServiceError> {
         if self.config.speed != 0.0 {
             return Ok(());
         }
@@ -255,14 +209,14 @@ impl<'a> Acquisition<'a> {
     }
 
     /// Waits until every service has finished `count` scans.
-    fn wait_for_stragglers(&mut self, source: &mut dyn Source, count: u32) -> Result<(), AcquisitionError> {
+    fn wait_for_stragglers(&mut self, source: &mut dyn Source, count: u32) -> Result<(), ServiceError> {
         while !self.setup.stop.is_set() && self.finished.values().any(|done| *done < count) {
             self.pause(source, HEARTBEAT, |_, _| {})?;
         }
         Ok(())
     }
 
-    fn serve_until_stopped(&mut self, source: &mut dyn Source) -> Result<(), AcquisitionError> {
+    fn serve_until_stopped(&mut self, source: &mut dyn Source) -> Result<(), ServiceError> {
         while !self.setup.stop.is_set() {
             self.pause(source, HEARTBEAT, |_, _| {})?;
         }
@@ -276,7 +230,7 @@ impl<'a> Acquisition<'a> {
         source: &mut dyn Source,
         time: Duration,
         mut seen: impl FnMut(&str, u32),
-    ) -> Result<(), AcquisitionError> {
+    ) -> Result<(), ServiceError> {
         self.participant.wait(&[&self.others, &self.requests], time);
         while let Some(message) = self.others.receive()? {
             for health in message.items() {
@@ -305,13 +259,10 @@ impl<'a> Acquisition<'a> {
     }
 }
 
-/// Replaces a small file in one step, so that a kill leaves the old or the new content.
-fn write_atomically(path: &Path, content: &str) -> Result<(), AcquisitionError> {
-    let fail = |source| AcquisitionError::State { path: path.into(), source };
-    if let Some(parent) = path.parent() {
-        fs::create_dir_all(parent).map_err(fail)?;
+/// A source that cannot deliver, as the error of the service.
+fn unusable(error: SourceError) -> ServiceError {
+    match error {
+        SourceError::Config(error) => ServiceError::Config(error.to_string()),
+        error => ServiceError::Work(error.to_string()),
     }
-    let temporary = path.with_extension("new");
-    fs::write(&temporary, content).map_err(fail)?;
-    fs::rename(&temporary, path).map_err(fail)
 }
