@@ -263,8 +263,8 @@ mod tests {
 
     #[test]
     fn weights_that_rank_nothing_and_an_empty_area_are_refused() {
-        let mut config = PlanningConfig::default();
-        config.weights = Weights { information: 0.0, quality: 0.0, zones: 0.0, cost: 0.1 };
+        let weights = Weights { information: 0.0, quality: 0.0, zones: 0.0, cost: 0.1 };
+        let config = PlanningConfig { weights, ..Default::default() };
         assert_eq!(config.validate(), Err(PlanningConfigError::NoCriterion));
         let area = WorkArea { min: [0.0, 0.0], max: [1.0, 0.0] };
         let config = PlanningConfig { work_area: Some(area), ..Default::default() };
