@@ -32,6 +32,7 @@ impl Evidence {
         (self.count > 0).then(|| self.quality_sum as f64 / (65535.0 * f64::from(self.count)))
     }
 
+    #[inline]
     fn add(&mut self, item: &Item) {
         // A cell that saturates has seen four thousand million points; its means stay right to within that ratio.
         if self.count == u32::MAX {
@@ -112,6 +113,7 @@ pub struct Cell {
 impl Cell {
     /// Whether nothing was ever seen here. This is not the same as a navigability of 0.5.
     #[must_use]
+    #[inline]
     pub fn is_unknown(&self) -> bool {
         self.measured.count == 0 && self.interpolated.count == 0
     }
@@ -124,6 +126,7 @@ impl Cell {
 
     /// n_phi, the navigable evidence of either kind.
     #[must_use]
+    #[inline]
     pub fn navigable_count(&self) -> u64 {
         u64::from(self.measured.navigable_count) + u64::from(self.interpolated.navigable_count)
     }
@@ -158,16 +161,19 @@ impl Cell {
         self.normals.expected_incidence(self.evidence_count(), v)
     }
 
+    #[inline]
     pub(super) fn add_measured(&mut self, item: &Item) {
         self.add_shared(item);
         self.measured.add(item);
     }
 
+    #[inline]
     pub(super) fn add_interpolated(&mut self, item: &Item) {
         self.add_shared(item);
         self.interpolated.add(item);
     }
 
+    #[inline]
     fn add_shared(&mut self, item: &Item) {
         if item.is_navigable {
             let first = self.navigable_count() == 0;

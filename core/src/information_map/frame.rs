@@ -2,7 +2,7 @@
 
 use super::cell::{HEIGHT_UNITS_PER_METRE, Item};
 use super::config::MapConfig;
-use super::index::CellIndex;
+use super::index::{CellIndex, floor};
 use crate::geometry::Pose;
 use crate::scan::Point;
 use nalgebra::{Matrix3, Vector3};
@@ -31,23 +31,32 @@ impl Frame {
         }
     }
 
+    #[inline]
     pub(super) fn position(&self, point: &Point) -> Vector3<f64> {
         self.linear * point.position().coords + self.offset
     }
 
-    /// A height [1/1024 m] as stored; beyond a thousand kilometres it is clamped so that sums stay in range.
-    pub(super) fn height(&self, height: f64) -> i32 {
-        let limit = f64::from(1 << 30);
-        height.clamp(-limit, limit).round() as i32
+    /// Whether a stored B counts as an obstacle.
+    #[inline]
+    pub(super) fn is_obstacle(&self, obstacle: u16) -> bool {
+        obstacle > self.obstacle_threshold
     }
 
+    /// A height [1/1024 m] as stored; beyond a thousand kilometres it is clamped so that sums stay in range.
+    #[inline]
+    pub(super) fn height(&self, height: f64) -> i32 {
+        let limit = f64::from(1 << 30);
+        floor(height.clamp(-limit, limit) + 0.5)
+    }
+
+    #[inline]
     pub(super) fn item(&self, navigable: u16, obstacle: u16, quality: u16, height: f64, normal: &Vector3<f32>) -> Item {
         Item {
             navigable,
             obstacle,
             quality,
             is_navigable: navigable > self.navigable_threshold,
-            is_obstacle: obstacle > self.obstacle_threshold,
+            is_obstacle: self.is_obstacle(obstacle),
             height: self.height(height),
             normal: self.rotation * normal,
         }

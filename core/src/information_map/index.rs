@@ -29,22 +29,33 @@ impl CellIndex {
     /// The cell that contains a position given in cell units (metres / `cell_m`), or `None` when it is not finite or
     /// too far away to be a cell.
     #[must_use]
+    #[inline]
     pub fn containing(x: f64, y: f64) -> Option<Self> {
         let limit = f64::from(LARGEST_COORDINATE);
-        (x.abs() < limit && y.abs() < limit).then(|| Self { x: x.floor() as i32, y: y.floor() as i32 })
+        (x.abs() < limit && y.abs() < limit).then(|| Self { x: floor(x), y: floor(y) })
     }
 
     /// The tile this cell belongs to.
     #[must_use]
+    #[inline]
     pub fn tile(self) -> TileIndex {
         TileIndex { x: self.x.div_euclid(TILE_SIDE), y: self.y.div_euclid(TILE_SIDE) }
     }
 
     /// This cell's place among the 256 of its tile: rows of constant y, x running fastest.
     #[must_use]
+    #[inline]
     pub fn within_tile(self) -> usize {
         (self.y.rem_euclid(TILE_SIDE) * TILE_SIDE + self.x.rem_euclid(TILE_SIDE)) as usize
     }
+}
+
+/// The largest integer not above `value`, for values that fit; several times faster than `f64::floor`, which is a
+/// function call on machines without SSE 4.1.
+#[inline]
+pub(super) fn floor(value: f64) -> i32 {
+    let towards_zero = value as i32;
+    towards_zero - i32::from(f64::from(towards_zero) > value)
 }
 
 impl TileIndex {
@@ -70,6 +81,14 @@ mod tests {
             let cell = CellIndex { x, y };
             prop_assert!(cell.within_tile() < 256);
             prop_assert_eq!(cell.tile().cell(cell.within_tile()), cell);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_fast_floor_is_the_floor(value in -1e9..1e9f64, whole in any::<i16>()) {
+            prop_assert_eq!(f64::from(floor(value)), value.floor());
+            prop_assert_eq!(floor(f64::from(whole)), i32::from(whole));
         }
     }
 

@@ -45,7 +45,7 @@ pub struct InsertSummary {
     pub points_without_score: usize,
     /// Returns left out because they lie beyond the largest map.
     pub points_outside: usize,
-    /// Kept triangles that reach over more than one cell and were rasterised.
+    /// Kept triangles that reach over cells without a corner of theirs and were rasterised.
     pub triangles: usize,
     /// Of those, the ones that cover more cells than allowed and were cut off there.
     pub triangles_clipped: usize,

@@ -248,12 +248,17 @@ fn other_files_and_other_versions_are_told_apart() {
 #[test]
 #[ignore = "a measurement, run by hand"]
 fn measure_insert() {
-    let (points, scores, grid) = flat_scan(1440, 0.10, 30.0);
+    let (points, scores, grid) = flat_scan(1440, 0.159, 30.0);
     let pose = Pose::translation(0.0, 0.0, 1.0);
     let mut map = empty_map();
-    for _ in 0..5 {
-        let start = std::time::Instant::now();
-        let summary = map.insert(ScanView::ordered(&points, grid).unwrap(), &scores, &pose).unwrap();
-        println!("{} points: {:.1} ms, {summary:?}", points.len(), start.elapsed().as_secs_f64() * 1e3);
+    for scan in [ScanView::ordered(&points, grid).unwrap(), ScanView::unordered(&points)] {
+        for _ in 0..7 {
+            let start = std::time::Instant::now();
+            let summary = map.insert(scan, &scores, &pose).unwrap();
+            println!("{} points: {:.1} ms, {summary:?}", points.len(), start.elapsed().as_secs_f64() * 1e3);
+        }
     }
+    let start = std::time::Instant::now();
+    let bytes = map.to_bytes();
+    println!("to_bytes: {} points: {:.1} ms", bytes.len(), start.elapsed().as_secs_f64() * 1e3);
 }

@@ -20,6 +20,7 @@ pub struct NormalStatistics {
 
 impl NormalStatistics {
     /// Adds a unit normal.
+    #[inline]
     pub(super) fn add(&mut self, normal: &Vector3<f32>) {
         // A float to integer cast saturates and sends NaN to 0; a component of a unit vector fits 13 bits.
         let [x, y, z] =

@@ -105,33 +105,39 @@ impl<'a> Projection<'a> {
     ) {
         let own = corners.map(|i| cells[i]);
         let is_reachable = corners.iter().any(|&i| scores[i].is_reachable());
-        if !is_reachable || own.contains(&NOWHERE) || (own[0] == own[1] && own[1] == own[2]) {
+        if own.contains(&NOWHERE) || !is_reachable || !has_cells_between(&own) {
             return;
         }
         let positions = corners.map(|i| frame.position(&points[i]));
         let plan = positions.map(|p| [p.x, p.y]);
-        let plane = Plane::through(&positions);
-        let height = positions.iter().map(|p| p.z).sum::<f64>() / 3.0;
-        let mut item = mean_item(scores, corners, height, frame);
-        let is_steep = item.is_obstacle;
         self.summary.triangles += 1;
-        let visit = |cell: CellIndex| {
-            if !own.contains(&cell) {
-                if !is_steep {
-                    item.height = frame.height(plane.height_at(cell));
-                }
-                self.cell(cell).add_interpolated(&item);
-            }
-        };
-        let clipped = if is_steep {
-            cells_under_longest_side(&plan, &own, frame.max_cells, visit)
+        let obstacle = mean_obstacle(scores, corners);
+        let clipped = if frame.is_obstacle(obstacle) {
+            let height = positions.iter().map(|p| p.z).sum::<f64>() / 3.0;
+            let item = mean_item(scores, corners, height, frame);
+            cells_under_longest_side(&plan, &own, frame.max_cells, |cell| self.interpolate(cell, &own, &item))
         } else {
-            cells_inside(&plan, frame.max_cells, visit)
+            // Most triangles near the scanner are small and cover no cell's centre: nothing is prepared for those.
+            let mut prepared: Option<(Plane, Item)> = None;
+            cells_inside(&plan, frame.max_cells, |cell| {
+                let (plane, item) = prepared
+                    .get_or_insert_with(|| (Plane::through(&positions), mean_item(scores, corners, 0.0, frame)));
+                item.height = frame.height(plane.height_at(cell));
+                self.interpolate(cell, &own, item);
+            })
         };
         self.summary.triangles_clipped += usize::from(clipped);
     }
 
+    /// Gives a triangle's evidence to a cell that holds none of its corners; the others have points of their own.
+    fn interpolate(&mut self, index: CellIndex, own: &[CellIndex; 3], item: &Item) {
+        if !own.contains(&index) {
+            self.cell(index).add_interpolated(item);
+        }
+    }
+
     /// The cell at `index`, made if need be, and marked as touched.
+    #[inline]
     fn cell(&mut self, index: CellIndex) -> &mut Cell {
         let slot = self.slot(index.tile());
         let tile = &mut self.tiles[slot];
@@ -151,6 +157,7 @@ impl<'a> Projection<'a> {
         cell
     }
 
+    #[inline]
     fn slot(&mut self, index: TileIndex) -> usize {
         if let Some((current, slot)) = self.current
             && current == index
@@ -166,15 +173,29 @@ impl<'a> Projection<'a> {
     }
 }
 
+/// Whether a triangle with corners in these cells can cover another cell.
+fn has_cells_between(own: &[CellIndex; 3]) -> bool {
+    let span = |a: i32, b: i32, c: i32| i64::from(a.max(b).max(c)) - i64::from(a.min(b).min(c)) + 1;
+    // One cell, or two side by side, are all taken by the corners themselves.
+    span(own[0].x, own[1].x, own[2].x) * span(own[0].y, own[1].y, own[2].y) > 2
+}
+
+/// The mean of a score over a triangle's corners, rounded.
+fn mean(scores: &[PointScore], corners: [usize; 3], score: impl Fn(&PointScore) -> u16) -> u16 {
+    let sum: u32 = corners.iter().map(|&i| u32::from(score(&scores[i]))).sum();
+    ((sum + 1) / 3) as u16
+}
+
+/// The mean B of the corners; a corner out of the robot's reach has none.
+fn mean_obstacle(scores: &[PointScore], corners: [usize; 3]) -> u16 {
+    mean(scores, corners, |s| if s.is_reachable() { s.obstacle } else { 0 })
+}
+
 /// The mean scores and normal of a triangle's corners; a corner out of the robot's reach has F = B = 0.
 fn mean_item(scores: &[PointScore], corners: [usize; 3], height: f64, frame: &Frame) -> Item {
-    let mean = |score: fn(&PointScore) -> u16| {
-        let sum: u32 = corners.iter().map(|&i| u32::from(score(&scores[i]))).sum();
-        ((sum + 1) / 3) as u16
-    };
-    let navigable = mean(|s| if s.is_reachable() { s.navigable } else { 0 });
-    let obstacle = mean(|s| if s.is_reachable() { s.obstacle } else { 0 });
+    let navigable = mean(scores, corners, |s| if s.is_reachable() { s.navigable } else { 0 });
+    let quality = mean(scores, corners, |s| s.quality);
     let normal: Vector3<f32> = corners.iter().map(|&i| scores[i].normal()).sum();
     let normal = normal.try_normalize(1e-3).unwrap_or_else(Vector3::z);
-    frame.item(navigable, obstacle, mean(|s| s.quality), height, &normal)
+    frame.item(navigable, mean_obstacle(scores, corners), quality, height, &normal)
 }

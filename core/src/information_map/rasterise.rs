@@ -1,21 +1,21 @@
 //! Which cells does a triangle cover, seen from above?
 
 use super::grid_line::cells_of_line;
-use super::index::CellIndex;
+use super::index::{CellIndex, floor};
 
 /// Calls `visit` for every cell whose centre lies inside the triangle (corners in cell units), at most `limit` times.
 /// Edges are half open, so triangles that share an edge never share a cell. Returns whether cells were left out.
 pub(super) fn cells_inside(corners: &[[f64; 2]; 3], limit: usize, mut visit: impl FnMut(CellIndex)) -> bool {
     let ys = corners.map(|corner| corner[1]);
-    let lowest = (ys[0].min(ys[1]).min(ys[2]) - 0.5).ceil() as i32;
-    let highest = (ys[0].max(ys[1]).max(ys[2]) - 0.5).floor() as i32;
+    let lowest = ceil(ys[0].min(ys[1]).min(ys[2]) - 0.5);
+    let highest = floor(ys[0].max(ys[1]).max(ys[2]) - 0.5);
     let mut left = limit;
     for (row, y) in (lowest..=highest).enumerate() {
         if row >= limit {
             return true;
         }
         let Some((low, high)) = crossings(corners, f64::from(y) + 0.5) else { continue };
-        for x in (low - 0.5).ceil() as i32..(high - 0.5).ceil() as i32 {
+        for x in ceil(low - 0.5)..ceil(high - 0.5) {
             if left == 0 {
                 return true;
             }
@@ -24,6 +24,10 @@ pub(super) fn cells_inside(corners: &[[f64; 2]; 3], limit: usize, mut visit: imp
         }
     }
     false
+}
+
+fn ceil(value: f64) -> i32 {
+    -floor(-value)
 }
 
 /// Where the horizontal line at `y` enters and leaves the triangle.

@@ -1,0 +1,80 @@
+//! Strategies by name.
+
+use super::frontier::Frontier;
+use super::multi_criteria::MultiCriteria;
+use super::strategy::Strategy;
+use thiserror::Error;
+
+/// Makes a strategy in its initial state.
+pub type MakeStrategy = fn() -> Box<dyn Strategy>;
+
+/// No strategy has this name.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("planning: no strategy is called {name:?}; there are: {}", known.join(", "))]
+pub struct UnknownStrategy {
+    /// The name asked for.
+    pub name: String,
+    /// The names there are.
+    pub known: Vec<String>,
+}
+
+/// The strategies that can be chosen by name. [`StrategyRegistry::default`] holds the built-in ones; a program of
+/// one's own adds to them by one [`StrategyRegistry::register`].
+#[derive(Clone)]
+pub struct StrategyRegistry {
+    entries: Vec<(String, MakeStrategy)>,
+}
+
+impl Default for StrategyRegistry {
+    fn default() -> Self {
+        let mut registry = Self { entries: Vec::new() };
+        registry.register("multi_criteria", || Box::new(MultiCriteria));
+        registry.register("frontier", || Box::new(Frontier));
+        registry
+    }
+}
+
+impl StrategyRegistry {
+    /// Adds a strategy, or replaces the one of the same name.
+    pub fn register(&mut self, name: &str, make: MakeStrategy) {
+        self.entries.retain(|(known, _)| known != name);
+        self.entries.push((name.to_owned(), make));
+    }
+
+    /// The names, in the order of registration.
+    pub fn names(&self) -> impl Iterator<Item = &str> + '_ {
+        self.entries.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// A new strategy of that name.
+    ///
+    /// # Errors
+    /// [`UnknownStrategy`] lists the names there are.
+    pub fn create(&self, name: &str) -> Result<Box<dyn Strategy>, UnknownStrategy> {
+        match self.entries.iter().find(|(known, _)| known == name) {
+            Some((_, make)) => Ok(make()),
+            None => Err(UnknownStrategy { name: name.to_owned(), known: self.names().map(str::to_owned).collect() }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unknown_name_is_answered_with_the_known_ones() {
+        let message = StrategyRegistry::default().create("fronteer").err().unwrap().to_string();
+        assert!(message.contains("fronteer") && message.contains("multi_criteria, frontier"), "{message}");
+    }
+
+    #[test]
+    fn a_strategy_of_ones_own_can_be_added_or_replace_a_built_in() {
+        let mut registry = StrategyRegistry::default();
+        registry.register("mine", || Box::new(Frontier));
+        registry.register("frontier", || Box::new(MultiCriteria));
+        assert_eq!(registry.create("mine").unwrap().name(), "frontier");
+        assert_eq!(registry.create("frontier").unwrap().name(), "multi_criteria");
+        assert_eq!(registry.names().count(), 3);
+    }
+}
