@@ -9,7 +9,7 @@ use mirador_core::slam6d::{AlignerState, SequentialAligner};
 use mirador_ipc_schema::messages::{Envelope, Header, SCAN_HAS_PRIOR, ScanId, ScanRequest, ScanRequestKind};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
-use mirador_service_common::{CheckpointError, ServiceError, checkpoint, view};
+use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place, nanoseconds, view};
 use serde::{Deserialize, Serialize};
 
 use crate::AlignmentConfig;
@@ -120,7 +120,7 @@ impl<'a> Alignment<'a> {
             header: Header::about(scan.header(), began_ns),
             keyframe_points: self.aligner.keyframe_points(),
             keyframe_bytes: self.aligner.bytes(),
-            align_ns: u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX),
+            align_ns: nanoseconds(begin.elapsed()),
         };
         let mut loan = self.poses.loan(record.hypotheses.len())?;
         *loan.meta_mut() = messages::meta(&record, &facts);
@@ -132,15 +132,6 @@ impl<'a> Alignment<'a> {
         save_state(self.setup, self.finished_scans, self.aligner.state())?;
         self.health.finished(participant, self.finished_scans, begin.elapsed());
         Ok(())
-    }
-}
-
-/// Says where the payload lies, so that it can be seen that nobody copied it.
-fn log_place(number: u32, scan: &Received<topics::Scan>) {
-    if tracing::enabled!(tracing::Level::DEBUG)
-        && let Some(place) = scan.location()
-    {
-        tracing::debug!(scan = number, inode = place.inode, offset = place.offset, "payload");
     }
 }
 

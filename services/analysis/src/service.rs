@@ -8,7 +8,7 @@ use mirador_core::surface::{SurfaceBuilder, SurfaceConfig};
 use mirador_ipc_schema::messages::{self, AlignmentMeta, Envelope, Header, ScanId, ScoredScanMeta};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
-use mirador_service_common::{ServiceError, view};
+use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
 
 use crate::AnalysisConfig;
 
@@ -121,11 +121,7 @@ impl Analysis {
             self.health.finished(participant, self.finished_scans, Duration::ZERO);
             return Ok(());
         }
-        if tracing::enabled!(tracing::Level::DEBUG)
-            && let Some(place) = scan.location()
-        {
-            tracing::debug!(scan = number, inode = place.inode, offset = place.offset, "payload");
-        }
+        log_place(number, &scan);
         let begin = Instant::now();
         let began_ns = clock::monotonic_ns();
         self.surface
@@ -217,8 +213,4 @@ fn summary_part(summary: &ScoreSummary) -> ScoredScanMeta {
         },
         ..ScoredScanMeta::default()
     }
-}
-
-fn nanoseconds(time: Duration) -> u64 {
-    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
 }

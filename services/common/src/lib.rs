@@ -2,7 +2,15 @@
 
 pub mod checkpoint;
 mod error;
+mod place;
 pub mod view;
 
 pub use checkpoint::CheckpointError;
 pub use error::ServiceError;
+pub use place::log_place;
+
+/// A time in whole nanoseconds, as messages carry it.
+#[must_use]
+pub fn nanoseconds(time: std::time::Duration) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(u64::MAX)
+}

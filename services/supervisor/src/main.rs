@@ -2,5 +2,5 @@
 //! with one registration more (see `docs/registration.md`).
 
 fn main() -> std::process::ExitCode {
-    mirador::main_with(mirador::Registry::with_builtins())
+    mirador::main_with(mirador::Registry::default())
 }

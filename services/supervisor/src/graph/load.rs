@@ -159,12 +159,12 @@ mod tests {
     use super::*;
 
     fn error(text: &str) -> String {
-        load_text(text, "graph.toml", &[], &Registry::with_builtins()).unwrap_err().to_string()
+        load_text(text, "graph.toml", &[], &Registry::default()).unwrap_err().to_string()
     }
 
     #[test]
     fn the_standard_graph_is_valid() {
-        let graph = load_text(super::super::STANDARD, "standard", &[], &Registry::with_builtins()).unwrap();
+        let graph = load_text(super::super::STANDARD, "standard", &[], &Registry::default()).unwrap();
         assert_eq!(graph.services.entries().len(), 5);
     }
 
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn an_override_wins_over_the_file_and_is_checked_like_it() {
-        let registry = Registry::with_builtins();
+        let registry = Registry::default();
         let text = "config_version = 1\n[graph]\nlockstep = true\n";
         let graph = load_text(text, "g", &["graph.lockstep=false".into()], &registry).unwrap();
         assert!(!graph.graph.lockstep);
@@ -206,7 +206,7 @@ mod tests {
 
     #[test]
     fn the_effective_graph_can_be_saved_and_loaded_again() {
-        let registry = Registry::with_builtins();
+        let registry = Registry::default();
         let graph = load_text(super::super::STANDARD, "standard", &[], &registry).unwrap();
         let text = toml::to_string(&graph).unwrap();
         let again = load_text(&text, "saved", &[], &registry).unwrap();

@@ -1,0 +1,10 @@
+//! Life and death of the processes of a graph.
+
+mod child;
+mod monitor;
+mod process;
+mod run;
+
+pub use monitor::{ServiceTotals, Totals};
+pub use process::{die_with_parent, exec_child, pin_to};
+pub use run::{Ended, RunOutcome, RunPlan, check_slots, run};

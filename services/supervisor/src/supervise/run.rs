@@ -1,0 +1,222 @@
+//! One run of a graph: start, watch, stop, clean up.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, Result, bail};
+use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Wake, budget};
+use rustix::process::Signal;
+
+use super::child::{Fate, Launch, Supervised, last_line};
+use super::monitor::{Monitor, Totals};
+use crate::UsageError;
+use crate::graph::Graph;
+
+/// How often the supervisor looks after its children when nothing wakes it.
+const LOOK: Duration = Duration::from_millis(20);
+/// How often it looks for dead peers that are not its children.
+const CLEAN: Duration = Duration::from_millis(500);
+/// How long a service may take to end by itself. All of them together end well within the 2 s promised.
+const GRACE: Duration = Duration::from_millis(1500);
+
+/// What to run.
+pub struct RunPlan {
+    /// The graph, its sizes filled in.
+    pub graph: Graph,
+    /// Arguments every service gets.
+    pub common: Vec<String>,
+    /// The run directory.
+    pub run_dir: PathBuf,
+    /// No progress.
+    pub quiet: bool,
+    /// Set by Ctrl-C.
+    pub stop: StopSignal,
+}
+
+/// Why a run ended.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ended {
+    /// Every scan is finished.
+    InputEnded,
+    /// The user wished it.
+    Interrupted,
+    /// The source could not go on, or a service could not be kept alive.
+    Fault(String),
+}
+
+/// What a run was like.
+pub struct RunOutcome {
+    /// Why it ended.
+    pub ended: Ended,
+    /// Counters of every service.
+    pub totals: Totals,
+    /// Starts after deaths, over all services.
+    pub restarts: u32,
+    /// From the start of the first service to the end of the last.
+    pub wall: Duration,
+}
+
+/// Runs a graph until its input ends, it fails, or the user stops it. Nothing of it is left afterwards.
+pub fn run(plan: &RunPlan) -> Result<RunOutcome> {
+    let begin = Instant::now();
+    let graph = &plan.graph;
+    let domain = Domain::new(&graph.graph.domain)?;
+    let sizes = Sizes { scan_points: graph.graph.max_points };
+    claim(&domain)?;
+    let names: Vec<&str> = graph.services.entries().iter().map(|(name, _)| *name).collect();
+    budget::check(&names, &sizes).map_err(|e| UsageError(e.to_string()))?;
+    let participant =
+        Participant::join(domain.clone(), "supervisor", 0, sizes, Wake::Event, plan.stop.clone())?;
+    let result = run_joined(plan, &participant);
+    drop(participant);
+    // Everyone is gone: what remains are files that iceoryx2 leaves behind.
+    let cleaned = domain.remove_all();
+    let (ended, totals, restarts) = result?;
+    cleaned.context("the domain cannot be cleaned up")?;
+    Ok(RunOutcome { ended, totals, restarts, wall: begin.elapsed() })
+}
+
+/// Makes sure that nobody else runs in the domain, and removes what the dead have left.
+fn claim(domain: &Domain) -> Result<()> {
+    let alive = Participant::peers(domain)?.into_iter().find(|peer| peer.alive);
+    if let Some(peer) = alive {
+        return Err(UsageError(format!(
+            "domain '{}' is in use by '{}' (process {}); end it, or give another --domain",
+            domain.name(),
+            peer.name,
+            peer.pid
+        ))
+        .into());
+    }
+    let left = domain.remove_all()?;
+    if left.segments > 0 {
+        tracing::info!(files = left.segments, bytes = left.bytes, "removed what an earlier graph had left");
+    }
+    Ok(())
+}
+
+fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Totals, u32)> {
+    let mut monitor = Monitor::open(participant)?;
+    let mut children = start_all(plan)?;
+    let watched = watch(plan, participant, &mut monitor, &mut children);
+    stop_all(&mut children, participant, &mut monitor);
+    let mut ended = watched?;
+    if let Ended::Fault(reason) = &mut ended {
+        *reason = reason.replace('\n', " ");
+    }
+    for child in &children {
+        monitor.totals.entry(child.launch.name.clone()).or_default().restarts = child.restarts();
+    }
+    let restarts = children.iter().map(Supervised::restarts).sum();
+    Ok((ended, std::mem::take(&mut monitor.totals), restarts))
+}
+
+fn start_all(plan: &RunPlan) -> Result<Vec<Supervised>> {
+    let run = run_number();
+    let launch = |name: &str, built_in: bool, entry: &crate::graph::ServiceEntry| Launch {
+        name: name.to_owned(),
+        built_in,
+        entry: entry.clone(),
+        common: plan.common.clone(),
+        run,
+        run_dir: plan.run_dir.clone(),
+    };
+    let services = plan.graph.services.entries();
+    // Readers before writers: the recorder is there when the first message is sent, acquisition comes last.
+    let own = services.iter().rev().map(|(name, entry)| launch(name, true, entry));
+    let others = plan.graph.programs.iter().map(|(name, entry)| launch(name, false, entry));
+    others.chain(own).map(Supervised::start).collect()
+}
+
+/// A number for the run: seconds since the epoch, as far as 24 bits hold them.
+fn run_number() -> u32 {
+    u32::try_from((mirador_ipc_schema::clock::utc_ns() / 1_000_000_000) & 0x00ff_ffff).unwrap_or(0)
+}
+
+fn watch(
+    plan: &RunPlan,
+    participant: &Participant,
+    monitor: &mut Monitor,
+    children: &mut [Supervised],
+) -> Result<Ended> {
+    let bar = crate::progress::bar(0, "scans", plan.quiet);
+    let mut cleaned = Instant::now();
+    loop {
+        if plan.stop.is_set() {
+            bar.abandon_with_message("stopping");
+            return Ok(Ended::Interrupted);
+        }
+        participant.wait(&monitor.wakeables(), LOOK);
+        monitor.listen()?;
+        bar.set_length(u64::from(monitor.scans_expected));
+        bar.set_position(u64::from(monitor.scans_planned));
+        bar.set_message(monitor.decision.clone());
+        for child in children.iter_mut() {
+            let fate = child.look_after(&|| {
+                participant.clean_dead_peers();
+            })?;
+            if fate == Fate::GaveUp || (fate == Fate::Ended && child.launch.built_in) {
+                monitor.listen()?;
+                bar.abandon();
+                return Ok(Ended::Fault(cause_of(child)));
+            }
+        }
+        if let Some(fault) = &monitor.fault {
+            bar.abandon();
+            return Ok(Ended::Fault(fault.clone()));
+        }
+        if monitor.ended {
+            bar.finish();
+            return Ok(Ended::InputEnded);
+        }
+        if cleaned.elapsed() > CLEAN {
+            participant.clean_dead_peers();
+            cleaned = Instant::now();
+        }
+    }
+}
+
+fn cause_of(child: &Supervised) -> String {
+    let log = child.launch.log_path();
+    let said = last_line(&log).unwrap_or_else(|| "it said nothing".into());
+    let end = child.last_end();
+    format!("{} ended ({end}): {said}", child.launch.name)
+}
+
+/// Ends the children in the order of the data flow, the recorder last, and waits for them.
+fn stop_all(children: &mut [Supervised], participant: &Participant, monitor: &mut Monitor) {
+    let begin = Instant::now();
+    let is_recorder = |child: &Supervised| child.launch.name == "recorder";
+    for recorder in [false, true] {
+        for child in children.iter().filter(|c| is_recorder(c) == recorder) {
+            child.signal(Signal::TERM);
+        }
+        let waiting = |children: &mut [Supervised]| {
+            children.iter_mut().any(|child| (child.launch.name == "recorder") == recorder && child.is_alive())
+        };
+        // The recorder may write on: what it holds is the run. The others have nothing left to say.
+        let limit = if recorder { GRACE * 20 } else { GRACE };
+        while waiting(children) && begin.elapsed() < limit {
+            std::thread::sleep(Duration::from_millis(5));
+            if let Err(error) = monitor.listen() {
+                tracing::debug!(%error, "the last words of a service were not heard");
+            }
+        }
+    }
+    for child in children.iter_mut().filter_map(|c| c.is_alive().then_some(c)) {
+        tracing::warn!(service = child.launch.name, "did not end by itself; it is killed");
+        child.signal(Signal::KILL);
+    }
+    participant.clean_dead_peers();
+}
+
+/// Refuses a graph whose sources are larger than its slots.
+pub fn check_slots(largest_scan: usize, max_points: usize) -> Result<()> {
+    if largest_scan > max_points {
+        bail!(UsageError(format!(
+            "the largest scan has {largest_scan} points, but the slots hold {max_points}: raise graph.max_points to \
+             {largest_scan}, or set it to 0 to take it from the source"
+        )));
+    }
+    Ok(())
+}
