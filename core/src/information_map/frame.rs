@@ -33,7 +33,14 @@ impl Frame {
 
     #[inline]
     pub(super) fn position(&self, point: &Point) -> Vector3<f64> {
-        self.linear * point.position().coords + self.offset
+        // Written out, as nalgebra's product is not inlined here and this is done for every point.
+        let (m, t) = (&self.linear, &self.offset);
+        let (x, y, z) = (f64::from(point.x), f64::from(point.y), f64::from(point.z));
+        Vector3::new(
+            m.m11 * x + m.m12 * y + m.m13 * z + t.x,
+            m.m21 * x + m.m22 * y + m.m23 * z + t.y,
+            m.m31 * x + m.m32 * y + m.m33 * z + t.z,
+        )
     }
 
     /// Whether a stored B counts as an obstacle.
@@ -51,6 +58,7 @@ impl Frame {
 
     #[inline]
     pub(super) fn item(&self, navigable: u16, obstacle: u16, quality: u16, height: f64, normal: &Vector3<f32>) -> Item {
+        let m = &self.rotation;
         Item {
             navigable,
             obstacle,
@@ -58,7 +66,11 @@ impl Frame {
             is_navigable: navigable > self.navigable_threshold,
             is_obstacle: self.is_obstacle(obstacle),
             height: self.height(height),
-            normal: self.rotation * normal,
+            normal: Vector3::new(
+                m.m11 * normal.x + m.m12 * normal.y + m.m13 * normal.z,
+                m.m21 * normal.x + m.m22 * normal.y + m.m23 * normal.z,
+                m.m31 * normal.x + m.m32 * normal.y + m.m33 * normal.z,
+            ),
         }
     }
 }
@@ -75,8 +87,9 @@ impl Plane {
     pub(super) fn through(corners: &[Vector3<f64>; 3]) -> Self {
         let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
         // Seen edge on there is no slope: the clamp below keeps whatever comes out within the corners.
-        let slope = [-normal.x / normal.z, -normal.y / normal.z].map(|s| if s.is_finite() { s } else { 0.0 });
-        let zs = corners.map(|c| c.z);
+        let finite = |s: f64| if s.is_finite() { s } else { 0.0 };
+        let slope = [finite(-normal.x / normal.z), finite(-normal.y / normal.z)];
+        let zs = [corners[0].z, corners[1].z, corners[2].z];
         let (lowest, highest) = (zs[0].min(zs[1]).min(zs[2]), zs[0].max(zs[1]).max(zs[2]));
         Self { corner: corners[0], slope, lowest, highest }
     }

@@ -23,11 +23,15 @@ impl NormalStatistics {
     #[inline]
     pub(super) fn add(&mut self, normal: &Vector3<f32>) {
         // A float to integer cast saturates and sends NaN to 0; a component of a unit vector fits 13 bits.
-        let [x, y, z] =
-            [normal.x, normal.y, normal.z].map(|c| i64::from((c.clamp(-1.0, 1.0) * COMPONENT_SCALE) as i32));
-        for (sum, product) in self.sums.iter_mut().zip([x * x, x * y, x * z, y * y, y * z, z * z]) {
-            *sum += product;
-        }
+        let stored = |c: f32| i64::from((c.clamp(-1.0, 1.0) * COMPONENT_SCALE) as i32);
+        let (x, y, z) = (stored(normal.x), stored(normal.y), stored(normal.z));
+        let [xx, xy, xz, yy, yz, zz] = &mut self.sums;
+        *xx += x * x;
+        *xy += x * y;
+        *xz += x * z;
+        *yy += y * y;
+        *yz += y * z;
+        *zz += z * z;
     }
 
     /// The mean of n n^T over `count` normals as xx, xy, xz, yy, yz, zz; zero when there are none.

@@ -88,7 +88,8 @@ impl<'a> Projection<'a> {
                 }
                 for (without, corners) in [(0, [1, 2, 3]), (1, [0, 2, 3]), (2, [0, 1, 3]), (3, [0, 1, 2])] {
                     if scores[a].keeps_triangle_without(without) {
-                        self.add_triangle(points, scores, corners.map(|k| quad[k]), frame, cells);
+                        let [i, j, k] = corners;
+                        self.add_triangle(points, scores, [quad[i], quad[j], quad[k]], frame, cells);
                     }
                 }
             }
@@ -103,17 +104,20 @@ impl<'a> Projection<'a> {
         frame: &Frame,
         cells: &[CellIndex],
     ) {
-        let own = corners.map(|i| cells[i]);
+        // Written out: `array::map` is not inlined here and costs as much as the rest.
+        let [a, b, c] = corners;
+        let own = [cells[a], cells[b], cells[c]];
         let is_reachable = corners.iter().any(|&i| scores[i].is_reachable());
         if own.contains(&NOWHERE) || !is_reachable || !has_cells_between(&own) {
             return;
         }
-        let positions = corners.map(|i| frame.position(&points[i]));
-        let plan = positions.map(|p| [p.x, p.y]);
+        let positions = [frame.position(&points[a]), frame.position(&points[b]), frame.position(&points[c])];
+        let [p, q, r] = &positions;
+        let plan = [[p.x, p.y], [q.x, q.y], [r.x, r.y]];
         self.summary.triangles += 1;
         let obstacle = mean_obstacle(scores, corners);
         let clipped = if frame.is_obstacle(obstacle) {
-            let height = positions.iter().map(|p| p.z).sum::<f64>() / 3.0;
+            let height = (p.z + q.z + r.z) / 3.0;
             let item = mean_item(scores, corners, height, frame);
             cells_under_longest_side(&plan, &own, frame.max_cells, |cell| self.interpolate(cell, &own, &item))
         } else {
@@ -182,7 +186,8 @@ fn has_cells_between(own: &[CellIndex; 3]) -> bool {
 
 /// The mean of a score over a triangle's corners, rounded.
 fn mean(scores: &[PointScore], corners: [usize; 3], score: impl Fn(&PointScore) -> u16) -> u16 {
-    let sum: u32 = corners.iter().map(|&i| u32::from(score(&scores[i]))).sum();
+    let [a, b, c] = corners;
+    let sum = u32::from(score(&scores[a])) + u32::from(score(&scores[b])) + u32::from(score(&scores[c]));
     ((sum + 1) / 3) as u16
 }
 
@@ -195,7 +200,8 @@ fn mean_obstacle(scores: &[PointScore], corners: [usize; 3]) -> u16 {
 fn mean_item(scores: &[PointScore], corners: [usize; 3], height: f64, frame: &Frame) -> Item {
     let navigable = mean(scores, corners, |s| if s.is_reachable() { s.navigable } else { 0 });
     let quality = mean(scores, corners, |s| s.quality);
-    let normal: Vector3<f32> = corners.iter().map(|&i| scores[i].normal()).sum();
+    let [a, b, c] = corners;
+    let normal = scores[a].normal() + scores[b].normal() + scores[c].normal();
     let normal = normal.try_normalize(1e-3).unwrap_or_else(Vector3::z);
     frame.item(navigable, mean_obstacle(scores, corners), quality, height, &normal)
 }

@@ -5,8 +5,9 @@ use super::index::{CellIndex, floor};
 
 /// Calls `visit` for every cell whose centre lies inside the triangle (corners in cell units), at most `limit` times.
 /// Edges are half open, so triangles that share an edge never share a cell. Returns whether cells were left out.
+#[inline]
 pub(super) fn cells_inside(corners: &[[f64; 2]; 3], limit: usize, mut visit: impl FnMut(CellIndex)) -> bool {
-    let ys = corners.map(|corner| corner[1]);
+    let ys = [corners[0][1], corners[1][1], corners[2][1]];
     let lowest = ceil(ys[0].min(ys[1]).min(ys[2]) - 0.5);
     let highest = floor(ys[0].max(ys[1]).max(ys[2]) - 0.5);
     let mut left = limit;
@@ -31,6 +32,7 @@ fn ceil(value: f64) -> i32 {
 }
 
 /// Where the horizontal line at `y` enters and leaves the triangle.
+#[inline]
 fn crossings(corners: &[[f64; 2]; 3], y: f64) -> Option<(f64, f64)> {
     let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
     for (i, j) in [(0, 1), (1, 2), (2, 0)] {
