@@ -213,11 +213,9 @@ fn handheld(name: &str, step: usize) -> Option<(TrajectoryError, TrajectoryError
     });
     let mut nees: Vec<f64> = nees.collect();
     nees.sort_by(f64::total_cmp);
-    println!(
-        "  normalised squared error: median {:.1}, mean {:.1}",
-        nees[nees.len() / 2],
-        nees.iter().sum::<f64>() / nees.len() as f64
-    );
+    let mean = nees.iter().sum::<f64>() / nees.len() as f64;
+    println!("  normalised squared error: median {:.1}, mean {mean:.1}", nees[nees.len() / 2]);
+    assert!((1.0..12.0).contains(&mean), "the covariance is off: {mean}");
     assert!(records.iter().all(AlignmentRecord::is_accepted));
     Some((before, after))
 }
