@@ -60,8 +60,9 @@ pub(super) trait Minimiser {
     /// What a source point without a partner costs [m^2].
     fn unpaired_cost(&self, config: &RegistrationConfig, final_gate_m: f64) -> f64;
 
-    /// How the pairs' distances to the tangent planes err; `share` points have one error in common.
-    fn errors(&self, sum: &Self::Sum, share: f64) -> ErrorModel;
+    /// How the pairs' distances to the tangent planes err; `share` points have one error in common, and of all points
+    /// the part `overlap` has a partner.
+    fn errors(&self, sum: &Self::Sum, share: f64, overlap: f64) -> ErrorModel;
 }
 
 /// Two scans, a start and everything that bounds the way from there.
@@ -138,11 +139,12 @@ impl<'a> Problem<'a> {
         let evidence = M::evidence(sum);
         let config = self.config;
         let constraint = evidence.plane.constraint(config.constrained_eigenvalue);
-        let errors = method.errors(sum, config.points_per_independent_error);
+        let overlap = f64::from(evidence.overlapping) / self.source.points().len() as f64;
+        let errors = method.errors(sum, config.points_per_independent_error, overlap);
         Alignment {
             target_from_source: walk.best.pose,
             covariance: evidence.plane.covariance(&constraint, &errors, self.limits.pair_distance_m),
-            overlap: f64::from(evidence.overlapping) / self.source.points().len() as f64,
+            overlap,
             overlap_distance_m: config.overlap_distance_m,
             residual_rms_m: (evidence.residual_sq / f64::from(evidence.pairs.max(1))).sqrt(),
             cost: walk.best.cost,

@@ -144,7 +144,7 @@ impl Minimiser for ClosedForm {
         final_gate_m * final_gate_m
     }
 
-    fn errors(&self, sum: &Sum, share: f64) -> ErrorModel {
+    fn errors(&self, sum: &Sum, share: f64, _overlap: f64) -> ErrorModel {
         // A third of the squared distance falls on any one axis.
         let variance = sum.evidence.residual_sq / (3.0 * f64::from(sum.evidence.pairs.max(1)));
         ErrorModel { variance, share, bias_m: PULL * variance.sqrt() }

@@ -176,7 +176,7 @@ fn a_state_with_a_target_needs_its_very_scan() {
 /// The 45 handheld scans, or every so many of them, with their odometry; prints the figures of one method and returns
 /// the errors before and after.
 fn handheld(name: &str, step: usize) -> Option<(TrajectoryError, TrajectoryError)> {
-    let path = data(name, "handheld")?;
+    let path = data(&format!("handheld sequence by {name}, every {step}"), "handheld")?;
     let every = |poses: Vec<Pose>| -> Vec<Pose> { poses.into_iter().step_by(step).collect() };
     let odometry = every(read_tum(&path.join("odometry.tum")));
     let truth = every(read_tum(&path.join("poses.tum")));
@@ -213,11 +213,9 @@ fn handheld(name: &str, step: usize) -> Option<(TrajectoryError, TrajectoryError
     });
     let mut nees: Vec<f64> = nees.collect();
     nees.sort_by(f64::total_cmp);
-    println!(
-        "  normalised squared error: median {:.1}, mean {:.1}",
-        nees[nees.len() / 2],
-        nees.iter().sum::<f64>() / nees.len() as f64
-    );
+    let mean = nees.iter().sum::<f64>() / nees.len() as f64;
+    println!("  normalised squared error: median {:.1}, mean {mean:.1}", nees[nees.len() / 2]);
+    assert!((1.0..12.0).contains(&mean), "the covariance is off: {mean}");
     assert!(records.iter().all(AlignmentRecord::is_accepted));
     Some((before, after))
 }
