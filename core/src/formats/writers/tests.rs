@@ -10,7 +10,7 @@ fn some_points(count: u32) -> Vec<OutPoint> {
         quality: 0.25,
         scan: 70_000 + i,
         intensity: i as u16,
-        is_aligned: i % 2 == 0,
+        is_aligned: i.is_multiple_of(2),
     };
     (0..count).map(point).collect()
 }
@@ -110,19 +110,19 @@ fn a_pcd_keeps_its_grid_and_refuses_points_that_do_not_fill_it() {
 fn a_las_far_away_keeps_tenths_of_a_millimetre_and_refuses_what_it_cannot_reach() {
     let folder = tempfile::tempdir().unwrap();
     let origin = [500_000.0, 5_800_000.0, 0.0];
-    let point = |x: f64| OutPoint { position: [x, 5_800_000.1234, 3.0], ..some_points(1)[0] };
+    let point = |x: f64| OutPoint { position: [x, 5_800_000.123_4, 3.0], ..some_points(1)[0] };
     for name in ["a.las", "a.laz"] {
         let path = folder.path().join(name);
         let mut writer = Box::new(LasWriter::create(&path, origin).unwrap());
-        writer.write(&[point(500_000.9876)]).unwrap();
+        writer.write(&[point(500_000.987_6)]).unwrap();
         assert!(writer.write(&[point(0.0)]).is_err());
         drop(writer);
         let mut writer = Box::new(LasWriter::create(&path, origin).unwrap());
-        writer.write(&[point(500_000.9876)]).unwrap();
+        writer.write(&[point(500_000.987_6)]).unwrap();
         assert_eq!(writer.finish().unwrap(), 1);
         let cloud = read_cloud(&path).unwrap();
         let found = cloud.points[0].position().coords + Vector3::from(cloud.origin);
-        assert!((found - Vector3::new(500_000.9876, 5_800_000.1234, 3.0)).norm() < 1e-4, "{found}");
+        assert!((found - Vector3::new(500_000.987_6, 5_800_000.123_4, 3.0)).norm() < 1e-4, "{found}");
     }
 }
 
