@@ -52,7 +52,7 @@ pub trait CloudReader {
     /// Replaces the content of `out` by the next points, at most [`CHUNK_POINTS`], and returns how many; 0 at the end.
     ///
     /// # Errors
-    /// What is wrong with the file, and where. After an error nothing more can be read.
+    /// What is wrong with the file, and where. After an error do not ask again.
     fn next_chunk(&mut self, out: &mut Vec<Point>) -> Result<usize, FormatError>;
 }
 

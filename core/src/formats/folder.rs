@@ -85,8 +85,8 @@ fn without_gz(path: &Path) -> String {
 fn is_cloud_table(path: &Path) -> Result<bool, FormatError> {
     match CsvReader::new(Source::open(path)?) {
         Ok(reader) => Ok(reader.has_points()),
-        Err(error @ (FormatError::Io { .. } | FormatError::Missing { .. })) => Err(error),
-        Err(_) => Ok(false),
+        Err(FormatError::Malformed { .. }) => Ok(false),
+        Err(error) => Err(error),
     }
 }
 
@@ -143,6 +143,12 @@ mod tests {
         assert!(matches!(list_scans(none.path()), Err(FormatError::NoScans { .. })));
         assert!(matches!(list_scans(&none.path().join("gone")), Err(FormatError::Missing { .. })));
         assert!(matches!(list_scans(&none.path().join("README")), Err(FormatError::UnknownExtension { .. })));
+    }
+
+    #[test]
+    fn a_table_that_cannot_be_read_is_not_passed_over() {
+        let folder = folder_with(&[("a.csv.gz", "no gzip"), ("b.ply", "")]);
+        assert!(list_scans(folder.path()).is_err());
     }
 
     #[test]

@@ -3,12 +3,13 @@
 use super::{
     cloud_reader::{CHUNK_POINTS, CountHint, Record, RecordReader},
     error::FormatError,
+    las_guard::{MOST_POINTS_PER_BYTE, SizeGuard, check_header},
     source::Source,
 };
 use las::{PointData, PointDataBuilder, Reader};
 use std::{
     fs::File,
-    io::{self, BufReader, Read, Seek, SeekFrom},
+    io::{self, Seek},
     panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
 };
@@ -32,18 +33,21 @@ impl LasReader {
         let mut file = if source.is_packed() { unpacked(&mut source)? } else { open(&source)? };
         drop(source);
         let room = check_header(&mut file).map_err(|e| refusal(&path, 0, &e.to_string()))?;
-        let reader = decoded(&path, 0, || Reader::new(BufReader::with_capacity(1 << 16, file)))?;
+        let guard = SizeGuard::new(file);
+        let limit = guard.limit();
+        let reader = decoded(&path, 0, || Reader::new(guard))?;
         let header = reader.header();
         let points = header.number_of_points();
         let format = *header.point_format();
         let record = u64::from(format.len());
         // LAZ packs a point of a still surface into a few bits, but never a chunk of 50,000 into less than one record.
-        let most = if format.is_compressed { room.saturating_mul(50_000) } else { room / record.max(1) };
+        let most = if format.is_compressed { room.saturating_mul(MOST_POINTS_PER_BYTE) } else { room / record.max(1) };
         let count = usize::try_from(points).ok().filter(|_| points <= most);
         let Some(count) = count else {
             let reason = format!("the header counts {points} points, the {room} bytes after it hold {most} at most");
             return Err(refusal(&path, 0, &reason));
         };
+        limit.watch(&format, room);
         let chunk = PointDataBuilder::new().for_header(header).build();
         Ok(Self { path, reader: Some(reader), chunk, used: 0, count, read: 0 })
     }
@@ -115,40 +119,4 @@ fn unpacked(source: &mut Source) -> Result<File, FormatError> {
     }
     file.rewind().map_err(|e| FormatError::io(&path, e))?;
     Ok(file)
-}
-
-/// Checks what the decoder would take at its word: the place of the points, and the extended records after them, whose
-/// lengths it allocates. Leaves the file at its start and returns the bytes from the first point to the end.
-fn check_header(file: &mut File) -> las::Result<u64> {
-    let size = file.metadata()?.len();
-    let invalid = |what: String| las::Error::from(io::Error::new(io::ErrorKind::InvalidData, what));
-    let header = las::raw::Header::read_from(&mut *file)?;
-    let start = u64::from(header.offset_to_point_data);
-    if start > size {
-        return Err(invalid(format!("the points begin at byte {start} of {size}")));
-    }
-    // An early point count bounds the arithmetic inside the decoder as well as the memory.
-    let counted =
-        u64::from(header.number_of_point_records).max(header.large_file.map_or(0, |l| l.number_of_point_records));
-    if counted > size.saturating_mul(50_000) {
-        return Err(invalid(format!("{counted} points in a file of {size} bytes")));
-    }
-    if let Some(evlr) = header.evlr {
-        let mut at = evlr.start_of_first_evlr;
-        for _ in 0..evlr.number_of_evlrs {
-            // 60 bytes of head, the length in bytes 20 to 28.
-            file.seek(SeekFrom::Start(at))?;
-            let mut head = [0_u8; 60];
-            file.read_exact(&mut head)?;
-            let mut length = [0_u8; 8];
-            length.copy_from_slice(head.get(20..28).unwrap_or(&[0; 8]));
-            let length = u64::from_le_bytes(length);
-            at = at.saturating_add(60).saturating_add(length);
-            if at > size {
-                return Err(invalid(format!("an extended record ends at byte {at} of {size}")));
-            }
-        }
-    }
-    file.rewind()?;
-    Ok(size - start)
 }

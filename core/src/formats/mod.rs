@@ -9,6 +9,7 @@ mod csv;
 mod error;
 mod folder;
 mod las;
+mod las_guard;
 mod lzf;
 mod pcd;
 mod ply;

@@ -17,7 +17,7 @@ impl<const FLOATS: usize> RawFloatsReader<FLOATS> {
 
     pub(super) fn new(source: Source) -> Result<Self, FormatError> {
         let size = source.remaining_at_most();
-        if !source.is_packed() && size % Self::BYTES as u64 != 0 {
+        if !source.is_packed() && !size.is_multiple_of(Self::BYTES as u64) {
             return Err(source.truncated(format!("{size} bytes are not a multiple of {} bytes a point", Self::BYTES)));
         }
         let count = usize::try_from(size / Self::BYTES as u64).unwrap_or(usize::MAX);

@@ -25,6 +25,7 @@ const SCALE_M: f64 = 1e-4;
 /// no empty cells: they are left out.
 pub struct LasWriter {
     path: PathBuf,
+    origin: [f64; 3],
     /// `None` once it is finished.
     writer: Option<las::Writer<Output>>,
     is_abandoned: Arc<AtomicBool>,
@@ -90,7 +91,17 @@ impl LasWriter {
         let file = BufWriter::with_capacity(1 << 16, file);
         let output = Output { file, is_abandoned: Arc::clone(&is_abandoned), position: 0 };
         let writer = Some(las::Writer::new(output, header).map_err(fail)?);
-        Ok(Self { path: path.to_path_buf(), writer, is_abandoned, name: Some(name), count: 0 })
+        Ok(Self { path: path.to_path_buf(), origin, writer, is_abandoned, name: Some(name), count: 0 })
+    }
+
+    /// The encoder counts a point before it finds that it cannot store it, and the file could not be completed then.
+    fn check_reach(&self, position: [f64; 3]) -> Result<(), WriteError> {
+        let reach = f64::from(i32::MAX) * SCALE_M;
+        if position.iter().zip(self.origin).all(|(c, origin)| (c - origin).abs() < reach) {
+            return Ok(());
+        }
+        let reason = format!("{position:?} is farther than {reach:.0} m from {:?}", self.origin);
+        Err(WriteError::Las { path: self.path.clone(), reason })
     }
 
     fn fail(&self, error: &las::Error) -> WriteError {
@@ -108,6 +119,7 @@ impl CloudWriter for LasWriter {
     fn write(&mut self, points: &[OutPoint]) -> Result<(), WriteError> {
         for point in points.iter().filter(|point| point.is_return()) {
             let [x, y, z] = point.position;
+            self.check_reach(point.position)?;
             let record = las::Point {
                 x,
                 y,

@@ -1,1 +1,0 @@
-//! The one suite for every format.
