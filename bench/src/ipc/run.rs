@@ -1,0 +1,255 @@
+//! The first process: the publisher, which leads the run.
+
+use std::collections::BTreeMap;
+use std::os::unix::net::UnixListener;
+use std::time::{Duration, Instant};
+
+use mirador_ipc_schema::budget::shared_memory_space;
+use mirador_ipc_schema::topics::{Scan, Topic};
+use mirador_ipc_schema::{Domain, Participant, Sizes, Wake};
+use serde_json::{Value, json};
+
+use super::bare::BareNode;
+use super::case::{COPIED, Case, IN_PLACE, ITEM_BYTES, Pair};
+use super::peer::{Report, socket_path};
+use super::peer_process::PeerProcess;
+use super::receive::resident_buffer;
+use super::send::{Send, SendBytes, SendIceoryx2, SendMirador};
+use super::{BenchError, IpcOptions, Payload, Transport, pin};
+use crate::{BenchReport, Machine, Provenance, Row, Summary};
+
+/// Measures every case of `options`, one after the other.
+///
+/// # Errors
+/// See [`BenchError`]. Nothing is left in shared memory or on disk, also then.
+pub fn run(options: &IpcOptions) -> Result<BenchReport, BenchError> {
+    options.validate()?;
+    // Before this thread is pinned, which would show as a machine of one core.
+    let machine = Machine::here();
+    let domain = OwnDomain::claim(options.domain()?)?;
+    let rows = run_cases(options, &domain.0);
+    let removed = domain.remove();
+    let report = BenchReport { bench: "ipc".into(), machine, rows: rows? };
+    removed?;
+    Ok(report)
+}
+
+/// A domain nobody else uses, removed when dropped.
+struct OwnDomain(Domain);
+
+impl OwnDomain {
+    fn claim(domain: Domain) -> Result<Self, BenchError> {
+        if Domain::existing().contains(&domain) {
+            return Err(BenchError::DomainInUse { domain: domain.name().into() });
+        }
+        Ok(Self(domain))
+    }
+
+    fn remove(self) -> Result<(), BenchError> {
+        self.0.remove_all()?;
+        Ok(())
+    }
+}
+
+impl Drop for OwnDomain {
+    fn drop(&mut self) {
+        // Removed already unless the run panicked; an error was then reported by `remove`.
+        let _ = self.0.remove_all();
+    }
+}
+
+fn run_cases(options: &IpcOptions, domain: &Domain) -> Result<Vec<Row>, BenchError> {
+    let cores = pin::two_cores();
+    let _restore = pin::Restore::now();
+    if let Some((publisher, _)) = cores {
+        pin::pin(publisher);
+    } else {
+        tracing::warn!("one core only: every hop includes a switch between the two processes");
+    }
+    let mut rows = Rows::default();
+    for payload in &options.payloads {
+        let case = |pair: Pair, wake: Wake| Case {
+            domain: domain.name().into(),
+            pair,
+            poll: wake == Wake::Poll,
+            points: payload.bytes / ITEM_BYTES,
+            warm_up: options.warm_up,
+            rounds: options.warm_up + payload.messages,
+            subscriber_core: cores.map(|(_, subscriber)| subscriber),
+        };
+        check_space(payload)?;
+        for wake in &options.wakes {
+            rows.add(&run_case(options, domain, case(IN_PLACE, *wake))?);
+        }
+        if options.copies {
+            rows.add(&run_case(options, domain, case(COPIED, Wake::Event))?);
+        }
+    }
+    Ok(rows.sorted())
+}
+
+/// A full `/dev/shm` would end the process at the first write, so it is asked before.
+fn check_space(payload: &Payload) -> Result<(), BenchError> {
+    let (free, _) = shared_memory_space()
+        .map_err(|error| BenchError::BadOption { field: "payloads", reason: error.to_string() })?;
+    // Two publishers; 4 KiB a slot and 1 MiB in all are more than iceoryx2 adds.
+    let needed = 2 * Scan::RULES.slots() as u64 * (payload.bytes as u64 + 4096) + (1 << 20);
+    if needed > free {
+        return Err(BenchError::NoSharedMemory { free, needed, payload_bytes: payload.bytes });
+    }
+    Ok(())
+}
+
+/// What one case found [ns], for each transport of its pair.
+struct Measured {
+    case: Case,
+    latency: [Vec<u64>; 2],
+    write: [Vec<u64>; 2],
+    send: [Vec<u64>; 2],
+}
+
+fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measured, BenchError> {
+    tracing::info!(bytes = case.payload_bytes(), poll = case.poll, pair = ?case.pair, "measuring");
+    let (mut peer, mut senders) = connect(options, domain, &case)?;
+    let rounds = usize::try_from(case.rounds).unwrap_or(0);
+    let (mut write, mut send) =
+        ([(); 2].map(|()| Vec::with_capacity(rounds)), [(); 2].map(|()| Vec::with_capacity(rounds)));
+    let mut pace = Pace { next: Instant::now(), step: options.pace };
+    for (round, place) in case.turns() {
+        pace.wait();
+        if options.stop.is_set() {
+            return Err(BenchError::Interrupted);
+        }
+        // Between two messages, so that a subscriber that died is told from one that lags.
+        if let Some(status) = peer.ended() {
+            return Err(peer.failed(format!("it ended with {status}")));
+        }
+        let sent = senders[place].send(round)?;
+        if round >= case.warm_up {
+            write[place].push(sent.write_ns);
+            send[place].push(sent.send_ns);
+        }
+    }
+    let Report::Latencies(latency) = peer.next_report(|| options.stop.is_set())? else {
+        return Err(peer.failed("it reports twice that it is ready".into()));
+    };
+    peer.finish()?;
+    let counted = case.rounds - case.warm_up;
+    for (transport, series) in case.pair.into_iter().zip(&latency) {
+        if series.len() as u64 != counted {
+            let found = format!("{} of {counted} messages were reported", series.len());
+            return Err(BenchError::Lost { transport, expected: counted, found });
+        }
+    }
+    Ok(Measured { case, latency, write, send })
+}
+
+/// Opens the sending ends, starts the second process and waits until its receiving ends are open.
+fn connect(
+    options: &IpcOptions,
+    domain: &Domain,
+    case: &Case,
+) -> Result<(PeerProcess, [Box<dyn Send>; 2]), BenchError> {
+    let ready = |peer: &mut PeerProcess| match peer.next_report(|| options.stop.is_set())? {
+        Report::Ready => Ok(()),
+        Report::Latencies(_) => Err(peer.failed("it reports latencies before the first message".into())),
+    };
+    if case.pair == IN_PLACE {
+        let senders = open_in_place(domain, case)?;
+        let mut peer = PeerProcess::start(&options.peer_command, case)?;
+        ready(&mut peer)?;
+        return Ok((peer, senders));
+    }
+    // The socket lies in the domain's folder, which this makes.
+    domain.config()?;
+    let path = socket_path(domain);
+    let listener = UnixListener::bind(&path).map_err(BenchError::io("bind the Unix socket"))?;
+    let mut peer = PeerProcess::start(&options.peer_command, case)?;
+    ready(&mut peer)?;
+    // It is connected by now, so this does not block.
+    let (socket, _) = listener.accept().map_err(BenchError::io("accept the second process"))?;
+    std::fs::remove_file(&path).map_err(BenchError::io("remove the Unix socket"))?;
+    let pipe = peer.take_stdin()?;
+    let buffer = || resident_buffer(case.payload_bytes());
+    let senders: [Box<dyn Send>; 2] = [
+        Box::new(SendBytes { stream: socket, buffer: buffer() }),
+        Box::new(SendBytes { stream: pipe, buffer: buffer() }),
+    ];
+    Ok((peer, senders))
+}
+
+fn open_in_place(domain: &Domain, case: &Case) -> Result<[Box<dyn Send>; 2], BenchError> {
+    let points = case.points;
+    let (publisher, notifier) = BareNode::join(domain, "bench-publisher")?.publisher(points, case.wake())?;
+    let bare = SendIceoryx2 { publisher, notifier, points };
+    // Ours comes second: when it opens it makes all segments of the domain resident, the bare one's too.
+    let sizes = Sizes { scan_points: points };
+    let stop = mirador_ipc_schema::StopSignal::default();
+    let participant = Participant::join(domain.clone(), "bench-publisher", 0, sizes, case.wake(), stop)?;
+    Ok([Box::new(SendMirador { publisher: participant.publisher()?, points }), Box::new(bare)])
+}
+
+/// One message every `step`; a message that took longer delays those behind it, they do not crowd.
+struct Pace {
+    next: Instant,
+    step: Duration,
+}
+
+impl Pace {
+    fn wait(&mut self) {
+        let now = Instant::now();
+        std::thread::sleep(self.next.saturating_duration_since(now));
+        self.next = self.next.max(now) + self.step;
+    }
+}
+
+/// The rows, by kind.
+#[derive(Default)]
+struct Rows {
+    hop: Vec<Row>,
+    ratio: Vec<Row>,
+    write: Vec<Row>,
+    send: Vec<Row>,
+}
+
+impl Rows {
+    fn add(&mut self, measured: &Measured) {
+        let case = &measured.case;
+        let hops = measured.latency.each_ref().map(|series| Summary::of_ns_in_us(series));
+        for (place, transport) in case.pair.into_iter().enumerate() {
+            let transport = Some(transport);
+            self.hop.extend(hops[place].map(|s| row("hop", "us", case, transport, s)));
+            let write = Summary::of_ns_in_us(&measured.write[place]);
+            self.write.extend(write.map(|s| row("payload_write", "us", case, transport, s)));
+            let send = Summary::of_ns_in_us(&measured.send[place]);
+            self.send.extend(send.map(|s| row("send_call", "us", case, transport, s)));
+        }
+        if let ([Some(ours), Some(bare)], true) = (hops, case.pair == IN_PLACE) {
+            self.ratio.push(row("hop_ratio", "1", case, None, ours.over(&bare)));
+        }
+    }
+
+    fn sorted(self) -> Vec<Row> {
+        [self.hop, self.ratio, self.write, self.send].into_iter().flatten().collect()
+    }
+}
+
+fn row(name: &str, unit: &str, case: &Case, transport: Option<Transport>, summary: Summary) -> Row {
+    let wake = if case.poll { "poll" } else { "event" };
+    let mut params = BTreeMap::from([
+        ("payload_bytes".to_owned(), json!(case.payload_bytes())),
+        ("wake".to_owned(), json!(wake)),
+        ("subscribers".to_owned(), json!(1)),
+    ]);
+    if let Some(transport) = transport {
+        params.insert("transport".into(), Value::from(transport.name()));
+    }
+    Row {
+        name: name.into(),
+        params,
+        unit: unit.into(),
+        summary,
+        provenance: Provenance::Measured,
+        extra: BTreeMap::new(),
+    }
+}

@@ -1,0 +1,253 @@
+//! What a benchmark found: rows of percentiles, as JSON with stable names and as a table.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::Machine;
+
+/// Where a figure comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Provenance {
+    /// Measured in this run on this machine.
+    Measured,
+    /// Taken from a publication.
+    Literature,
+}
+
+/// Percentiles of one quantity, as exact order statistics (nearest rank): the p-th percentile is the smallest sample
+/// that at least p % of the samples do not exceed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Number of samples.
+    pub n: usize,
+    /// Median.
+    pub p50: f64,
+    /// 90th percentile.
+    pub p90: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Largest sample.
+    pub max: f64,
+}
+
+impl Summary {
+    /// The percentiles of durations in ns, in us; none without samples.
+    #[must_use]
+    pub fn of_ns_in_us(samples: &[u64]) -> Option<Self> {
+        let mut sorted = samples.to_vec();
+        sorted.sort_unstable();
+        let rank = |percent: usize| {
+            let position = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
+            sorted.get(position).map(|ns| *ns as f64 / 1e3)
+        };
+        Some(Self { n: sorted.len(), p50: rank(50)?, p90: rank(90)?, p99: rank(99)?, max: rank(100)? })
+    }
+
+    /// This over `other`, percentile by percentile. `n` is the smaller of the two.
+    #[must_use]
+    pub fn over(&self, other: &Self) -> Self {
+        Self {
+            n: self.n.min(other.n),
+            p50: self.p50 / other.p50,
+            p90: self.p90 / other.p90,
+            p99: self.p99 / other.p99,
+            max: self.max / other.max,
+        }
+    }
+}
+
+/// One line of a report.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// What was measured; stable.
+    pub name: String,
+    /// Under which conditions; the keys are stable.
+    pub params: BTreeMap<String, Value>,
+    /// Unit of the percentiles.
+    pub unit: String,
+    /// The percentiles.
+    #[serde(flatten)]
+    pub summary: Summary,
+    /// Where the figures come from.
+    pub provenance: Provenance,
+    /// Further figures of this kind of row, for example errors of a registration.
+    #[serde(flatten)]
+    pub extra: BTreeMap<String, Value>,
+}
+
+/// The result of one benchmark.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct BenchReport {
+    /// Which benchmark.
+    pub bench: String,
+    /// Where it ran.
+    pub machine: Machine,
+    /// What it found.
+    pub rows: Vec<Row>,
+}
+
+impl BenchReport {
+    /// The rows of this name whose params agree with all of `params`.
+    #[must_use]
+    pub fn find(&self, name: &str, params: &[(&str, Value)]) -> Vec<&Row> {
+        let agrees = |row: &Row| params.iter().all(|(key, value)| row.params.get(*key) == Some(value));
+        self.rows.iter().filter(|row| row.name == name && agrees(row)).collect()
+    }
+
+    /// Prints the report as text: one table for each name, one column for each param.
+    ///
+    /// # Errors
+    /// When `out` cannot be written.
+    pub fn print_table(&self, out: &mut dyn Write) -> io::Result<()> {
+        let m = &self.machine;
+        writeln!(out, "{}: {}, {} cores, {}, commit {}", self.bench, m.cpu, m.cores, m.os, m.commit)?;
+        let mut names: Vec<&str> = Vec::new();
+        for row in &self.rows {
+            if !names.contains(&row.name.as_str()) {
+                names.push(&row.name);
+            }
+        }
+        for name in names {
+            let rows: Vec<&Row> = self.rows.iter().filter(|row| row.name == name).collect();
+            writeln!(out, "\n{name} [{}]", rows.first().map_or("", |row| row.unit.as_str()))?;
+            print_aligned(out, &cells(&rows))?;
+        }
+        Ok(())
+    }
+}
+
+/// Head line and lines of the table of rows of one name.
+fn cells(rows: &[&Row]) -> Vec<Vec<String>> {
+    let keys = |of: fn(&Row) -> &BTreeMap<String, Value>| {
+        let set: std::collections::BTreeSet<&str> =
+            rows.iter().flat_map(|r| of(r).keys().map(String::as_str)).collect();
+        set.into_iter().collect::<Vec<_>>()
+    };
+    let (params, extra) = (keys(|r| &r.params), keys(|r| &r.extra));
+    let mut head: Vec<String> = params.iter().map(ToString::to_string).collect();
+    head.extend(["n", "p50", "p90", "p99", "max"].map(String::from));
+    head.extend(extra.iter().map(ToString::to_string));
+    let literature = rows.iter().any(|row| row.provenance == Provenance::Literature);
+    if literature {
+        head.push("provenance".into());
+    }
+    let mut lines = vec![head];
+    for row in rows {
+        let s = &row.summary;
+        let mut line: Vec<String> = params.iter().map(|key| text(row.params.get(*key))).collect();
+        line.push(s.n.to_string());
+        line.extend([s.p50, s.p90, s.p99, s.max].map(number));
+        line.extend(extra.iter().map(|key| text(row.extra.get(*key))));
+        if literature {
+            line.push(format!("{:?}", row.provenance).to_lowercase());
+        }
+        lines.push(line);
+    }
+    lines
+}
+
+fn text(value: Option<&Value>) -> String {
+    match value {
+        None => "-".into(),
+        Some(Value::String(text)) => text.clone(),
+        Some(Value::Number(n)) if n.is_f64() => number(n.as_f64().unwrap_or(f64::NAN)),
+        Some(other) => other.to_string(),
+    }
+}
+
+/// Three or more significant digits, never an exponent: figures of one column are to be compared by eye.
+fn number(x: f64) -> String {
+    match x.abs() {
+        a if a >= 100.0 => format!("{x:.0}"),
+        a if a >= 10.0 => format!("{x:.1}"),
+        _ => format!("{x:.2}"),
+    }
+}
+
+fn print_aligned(out: &mut dyn Write, lines: &[Vec<String>]) -> io::Result<()> {
+    let columns = lines.first().map_or(0, Vec::len);
+    let width = |c: usize| lines.iter().filter_map(|line| line.get(c)).map(|cell| cell.chars().count()).max();
+    let widths: Vec<usize> = (0..columns).map(|c| width(c).unwrap_or(0)).collect();
+    for line in lines {
+        for (cell, width) in line.iter().zip(&widths) {
+            write!(out, "  {cell:>width$}")?;
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn report() -> BenchReport {
+        let row = |transport: &str, p50: f64| Row {
+            name: "hop".into(),
+            params: BTreeMap::from([("transport".into(), json!(transport)), ("payload_bytes".into(), json!(64))]),
+            unit: "us".into(),
+            summary: Summary { n: 10, p50, p90: 2.0, p99: 3.0, max: 1234.5 },
+            provenance: Provenance::Measured,
+            extra: BTreeMap::new(),
+        };
+        let machine = Machine { cpu: "a".into(), cores: 2, os: "b".into(), commit: "c".into() };
+        BenchReport { bench: "ipc".into(), machine, rows: vec![row("mirador", 1.5), row("pipe", 20.25)] }
+    }
+
+    #[test]
+    fn percentiles_are_nearest_rank() {
+        let samples: Vec<u64> = (1..=200).rev().map(|i| i * 1000).collect();
+        let s = Summary::of_ns_in_us(&samples).unwrap();
+        assert_eq!((s.n, s.p50, s.p90, s.p99, s.max), (200, 100.0, 180.0, 198.0, 200.0));
+        let one = Summary::of_ns_in_us(&[7000]).unwrap();
+        assert_eq!((one.p50, one.p99, one.max), (7.0, 7.0, 7.0));
+        assert_eq!(Summary::of_ns_in_us(&[]), None);
+    }
+
+    #[test]
+    fn the_json_has_the_agreed_keys_on_one_level() {
+        let value = serde_json::to_value(report()).unwrap();
+        assert_eq!(value["bench"], "ipc");
+        assert_eq!(value["machine"], json!({"cpu": "a", "cores": 2, "os": "b", "commit": "c"}));
+        assert_eq!(
+            value["rows"][0],
+            json!({"name": "hop", "params": {"transport": "mirador", "payload_bytes": 64}, "unit": "us", "n": 10,
+                   "p50": 1.5, "p90": 2.0, "p99": 3.0, "max": 1234.5, "provenance": "measured"})
+        );
+    }
+
+    #[test]
+    fn a_report_survives_json() {
+        let mut report = report();
+        report.rows[0].extra.insert("iterations".into(), json!(7));
+        let text = serde_json::to_string(&report).unwrap();
+        assert_eq!(serde_json::from_str::<BenchReport>(&text).unwrap(), report);
+    }
+
+    #[test]
+    fn rows_are_found_by_their_params() {
+        let report = report();
+        assert_eq!(report.find("hop", &[("transport", json!("pipe"))]), [&report.rows[1]]);
+        assert!(report.find("hop", &[("payload_bytes", json!(65))]).is_empty());
+    }
+
+    #[test]
+    fn the_table_has_a_column_for_each_param() {
+        let mut out = Vec::new();
+        report().print_table(&mut out).unwrap();
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0], "ipc: a, 2 cores, b, commit c");
+        assert_eq!(lines[2], "hop [us]");
+        assert_eq!(lines[3].split_whitespace().collect::<Vec<_>>()[..3], ["payload_bytes", "transport", "n"]);
+        assert_eq!(
+            lines[4].split_whitespace().collect::<Vec<_>>(),
+            ["64", "mirador", "10", "1.50", "2.00", "3.00", "1234"]
+        );
+    }
+}

@@ -1,0 +1,110 @@
+//! The message benchmark between two real processes over real shared memory, small. No timing is judged.
+
+use std::time::Duration;
+
+use mirador_bench::ipc::{BenchError, IpcOptions, Payload, Wake, run};
+use mirador_ipc_schema::{Domain, StopSignal};
+use serde_json::json;
+
+const MESSAGES: u64 = 20;
+const SMALL: usize = 64;
+const LARGE: usize = 16 * 1000;
+
+/// A few messages in the domain `name-PID`.
+fn options(name: &str) -> IpcOptions {
+    IpcOptions {
+        payloads: [SMALL, LARGE].map(|bytes| Payload { bytes, messages: MESSAGES }).to_vec(),
+        wakes: vec![Wake::Event, Wake::Poll],
+        copies: true,
+        pace: Duration::from_micros(300),
+        warm_up: 30,
+        domain: Some(format!("{name}-{}", std::process::id())),
+        peer_command: vec![env!("CARGO_BIN_EXE_mirador-bench-ipc").into(), "peer".into()],
+        stop: StopSignal::default(),
+    }
+}
+
+fn assert_nothing_is_left(options: &IpcOptions) {
+    let domain = Domain::new(options.domain.as_ref().unwrap()).unwrap();
+    assert_eq!(domain.segments(), Vec::<std::path::PathBuf>::new());
+    assert!(!domain.root().exists(), "{} is left", domain.root().display());
+}
+
+#[test]
+fn every_case_has_its_rows_and_no_message_is_lost() {
+    let options = options("t-rows");
+    let report = run(&options).unwrap();
+    assert_nothing_is_left(&options);
+
+    let expected: Vec<(&str, &str)> = ["mirador", "iceoryx2"]
+        .into_iter()
+        .flat_map(|transport| [(transport, "event"), (transport, "poll")])
+        .chain([("unix_socket", "event"), ("pipe", "event")])
+        .collect();
+    for bytes in [SMALL, LARGE] {
+        for (transport, wake) in &expected {
+            for name in ["hop", "payload_write", "send_call"] {
+                let params = [
+                    ("transport", json!(transport)),
+                    ("wake", json!(wake)),
+                    ("payload_bytes", json!(bytes)),
+                    ("subscribers", json!(1)),
+                ];
+                let rows = report.find(name, &params);
+                assert_eq!(rows.len(), 1, "{name} {transport} {wake} {bytes}");
+                let row = rows[0];
+                let s = row.summary;
+                // A message that was lost or came out of turn would have ended the run.
+                assert_eq!(s.n as u64, MESSAGES);
+                assert_eq!(row.unit, "us");
+                assert!(s.p50 <= s.p90 && s.p90 <= s.p99 && s.p99 <= s.max, "{s:?}");
+                assert!(s.max > 0.0 && s.max < 20e6, "{s:?}");
+            }
+        }
+        for wake in ["event", "poll"] {
+            let hop = |transport| {
+                let params = [("transport", json!(transport)), ("wake", json!(wake)), ("payload_bytes", json!(bytes))];
+                report.find("hop", &params)[0].summary.p50
+            };
+            let params = [("wake", json!(wake)), ("payload_bytes", json!(bytes))];
+            let ratio = report.find("hop_ratio", &params)[0].summary.p50;
+            assert_eq!(ratio, hop("mirador") / hop("iceoryx2"));
+        }
+    }
+    assert_eq!(report.rows.len(), 2 * (3 * expected.len() + 2));
+    assert!(report.machine.cores >= 1);
+}
+
+#[test]
+fn a_second_process_that_fails_is_reported_and_leaves_nothing() {
+    for command in
+        [&["false"][..], &["/no/such/program"], &[env!("CARGO_BIN_EXE_mirador-bench-ipc"), "peer", "rubbish"]]
+    {
+        let options =
+            IpcOptions { peer_command: command.iter().map(ToString::to_string).collect(), ..options("t-fail") };
+        let error = run(&options).unwrap_err();
+        assert!(matches!(error, BenchError::Peer { .. }), "{error}");
+        assert!(error.to_string().contains(command[0]), "{error}");
+        assert_nothing_is_left(&options);
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_leaves_nothing() {
+    let options = options("t-stop");
+    options.stop.set();
+    let error = run(&options).unwrap_err();
+    assert!(matches!(error, BenchError::Interrupted), "{error}");
+    assert_nothing_is_left(&options);
+}
+
+#[test]
+fn the_domain_of_another_graph_is_neither_used_nor_removed() {
+    let options = options("t-used");
+    let domain = Domain::new(options.domain.as_ref().unwrap()).unwrap();
+    domain.config().unwrap();
+    let error = run(&options).unwrap_err();
+    assert!(matches!(error, BenchError::DomainInUse { .. }), "{error}");
+    assert!(domain.root().is_dir());
+    domain.remove_all().unwrap();
+}
