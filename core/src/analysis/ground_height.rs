@@ -40,9 +40,7 @@ impl GroundHeight {
         }
         match estimate_ground_height(scan, surface, level_from_scanner) {
             Some(scanner_height_m) => Self { scanner_height_m, origin: GroundHeightOrigin::Estimated },
-            None => {
-                Self { scanner_height_m: config.assumed_scanner_height_m, origin: GroundHeightOrigin::Assumed }
-            }
+            None => Self { scanner_height_m: config.assumed_scanner_height_m, origin: GroundHeightOrigin::Assumed },
         }
     }
 }
@@ -68,6 +66,9 @@ const POINTS_MIN: usize = 30;
 /// One point's weight is at most this share of the surface, so that no long grazing triangle decides alone [m^2].
 const AREA_CAP: f32 = 0.02;
 
+/// About so many points of the scan are looked at, evenly chosen.
+const SAMPLES: usize = 40_000;
+
 /// Points within this of the fitted plane refine it [m].
 const INLIER_MAX: f32 = 0.15;
 
@@ -87,12 +88,26 @@ pub fn estimate_ground_height(
     level_from_scanner: &UnitQuaternion<f64>,
 ) -> Option<f64> {
     let rotation: Matrix3<f32> = level_from_scanner.to_rotation_matrix().into_inner().cast();
+    let stride = sampling_stride(&scan);
     RADII.iter().find_map(|radius| {
-        let ground = Candidates { scan, surface, rotation, radius2: radius * radius };
+        let ground = Candidates { scan, surface, rotation, stride, radius2: radius * radius };
         let level = ground.lowest_level()?;
         let height = -ground.refine(level);
         (height.is_finite() && height > 0.0).then_some(height)
     })
+}
+
+/// Every how manyth point is looked at: coprime to the columns, so that no column is left out.
+fn sampling_stride(scan: &ScanView<'_>) -> usize {
+    let cols = scan.grid.map_or(1, |grid| grid.cols.max(1));
+    let common = |mut a: usize, mut b: usize| {
+        while b > 0 {
+            (a, b) = (b, a % b);
+        }
+        a
+    };
+    let least = scan.points.len().div_ceil(SAMPLES).max(1);
+    (least..).find(|stride| common(*stride, cols) == 1).unwrap_or(1)
 }
 
 /// The points among which ground is looked for.
@@ -100,13 +115,14 @@ struct Candidates<'a> {
     scan: ScanView<'a>,
     surface: &'a Surface,
     rotation: Matrix3<f32>,
+    stride: usize,
     radius2: f32,
 }
 
 impl Candidates<'_> {
     /// Calls `visit` with the level position and the weight of every candidate.
     fn visit(&self, mut visit: impl FnMut(Vector3<f32>, f32)) {
-        for (point, shape) in self.scan.points.iter().zip(self.surface.points()) {
+        for (point, shape) in self.scan.points.iter().zip(self.surface.points()).step_by(self.stride) {
             if !shape.is_valid() {
                 continue;
             }
@@ -139,9 +155,7 @@ impl Candidates<'_> {
         let largest = (0..BINS).map(level).fold(0.0, f32::max);
         let is_peak = |i: usize| {
             let here = level(i);
-            here >= LEVEL_SHARE * largest
-                && (i == 0 || level(i - 1) <= here)
-                && (i + 1 >= BINS || level(i + 1) < here)
+            here >= LEVEL_SHARE * largest && (i == 0 || level(i - 1) <= here) && (i + 1 >= BINS || level(i + 1) < here)
         };
         (0..BINS).rev().find(|i| is_peak(*i)).map(|i| -(i as f64 + 0.5) * f64::from(BIN))
     }
@@ -226,9 +240,8 @@ mod tests {
         assert_eq!(estimate(scan.view()), None);
         let mut builder = SurfaceBuilder::new();
         let surface = builder.build(scan.view(), &SurfaceConfig::default()).unwrap();
-        let resolve = |config: &ScoreConfig| {
-            GroundHeight::resolve(config, scan.view(), surface, &UnitQuaternion::identity())
-        };
+        let resolve =
+            |config: &ScoreConfig| GroundHeight::resolve(config, scan.view(), surface, &UnitQuaternion::identity());
         let assumed = GroundHeight { scanner_height_m: 1.0, origin: GroundHeightOrigin::Assumed };
         assert_eq!(resolve(&ScoreConfig::default()), assumed);
         let configured = ScoreConfig { scanner_height_m: Some(0.7), ..ScoreConfig::default() };

@@ -101,7 +101,9 @@ mod tests {
             (30.0, HeightForm::Gentle, 23.1),
             (30.0, HeightForm::Literal, 12.9),
         ] {
-            let f = |slope: f32| 0.99 * slope_factor(cos(slope), cos(theta)) * height_factor(form, 5.0 * tan(slope), 5.0, tan(theta));
+            let f = |slope: f32| {
+                0.99 * slope_factor(cos(slope), cos(theta)) * height_factor(form, 5.0 * tan(slope), 5.0, tan(theta))
+            };
             assert!(f(limit - 0.2) > 0.65 && f(limit + 0.2) < 0.65, "{theta} {form:?} {}", f(limit));
         }
     }

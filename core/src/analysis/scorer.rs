@@ -1,7 +1,7 @@
 //! Scores a whole scan: each point's own F_l and B_l first, then the means over the neighbours, straight into the
 //! caller's records.
 
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::config::{HeightForm, ObstacleForm, ScoreConfig, ScoreConfigError};
 use super::ground_height::{GroundHeight, GroundHeightOrigin};
@@ -118,12 +118,15 @@ impl Scorer {
     }
 
     fn summary(&self, surface: &Surface, ground: GroundHeight) -> ScoreSummary {
-        let count = |wanted: fn(State) -> bool| self.local.iter().filter(|l| wanted(l.state)).count();
-        let valid = count(|state| state != State::Invalid);
-        let quality: f64 = surface.points().iter().map(|p| f64::from(p.quality)).sum();
+        let (mut valid, mut reachable, mut quality) = (0usize, 0usize, 0.0f64);
+        for (local, shape) in self.local.iter().zip(surface.points()) {
+            valid += usize::from(local.state != State::Invalid);
+            reachable += usize::from(local.state == State::Reachable);
+            quality += f64::from(shape.quality);
+        }
         ScoreSummary {
             valid,
-            reachable: count(|state| state == State::Reachable),
+            reachable,
             mean_quality: if valid == 0 { 0.0 } else { quality / valid as f64 },
             scanner_height_m: ground.scanner_height_m,
             ground_origin: ground.origin,
@@ -133,7 +136,8 @@ impl Scorer {
 
 /// The formulas with their constants, in single precision.
 struct Rule {
-    level_from_scanner: Matrix3<f32>,
+    /// The rows of the rotation from the scanner's frame to the level one.
+    level_from_scanner: [[f32; 3]; 3],
     scanner_height: f32,
     robot_height: f32,
     cos_theta: f32,
@@ -146,8 +150,9 @@ struct Rule {
 impl Rule {
     fn new(level_from_scanner: &UnitQuaternion<f64>, ground: GroundHeight, config: &ScoreConfig) -> Self {
         let theta = config.theta_deg.to_radians();
+        let rotation = level_from_scanner.to_rotation_matrix();
         Self {
-            level_from_scanner: level_from_scanner.to_rotation_matrix().into_inner().cast(),
+            level_from_scanner: [0, 1, 2].map(|row| [0, 1, 2].map(|col| rotation[(row, col)] as f32)),
             scanner_height: ground.scanner_height_m as f32,
             robot_height: config.robot_height_m as f32,
             cos_theta: theta.cos() as f32,
@@ -158,21 +163,29 @@ impl Rule {
         }
     }
 
+    fn to_level(&self, v: [f32; 3]) -> [f32; 3] {
+        let row = |r: usize| {
+            let [x, y, z] = self.level_from_scanner[r];
+            x * v[0] + y * v[1] + z * v[2]
+        };
+        [row(0), row(1), row(2)]
+    }
+
     /// F_l (3.14) and B_l (3.19) of a point.
     fn local(&self, point: &Point, shape: &SurfacePoint) -> Local {
         if !shape.is_valid() {
             return Local::default();
         }
-        let level = self.level_from_scanner * point.vector();
-        let (height, distance) = (level.z + self.scanner_height, level.x.hypot(level.y));
+        let [x, y, z] = self.to_level([point.x, point.y, point.z]);
+        let (height, distance) = (z + self.scanner_height, length(x, y));
         if !within_reach(height, distance, self.tan_theta, self.robot_height) {
             return Local { state: State::OutOfReach, ..Local::default() };
         }
-        let normal = self.level_from_scanner * Vector3::from(shape.normal);
+        let [normal_x, normal_y, normal_z] = self.to_level(shape.normal);
         let h = height_factor(self.height_form, height, distance, self.tan_theta);
-        let navigable = slope_factor(normal.z, self.cos_theta) * h;
+        let navigable = slope_factor(normal_z, self.cos_theta) * h;
         let obstacle = if height <= self.robot_height {
-            obstacle_score(self.obstacle_form, normal.x.hypot(normal.y).min(1.0), shape.incidence, || h)
+            obstacle_score(self.obstacle_form, length(normal_x, normal_y).min(1.0), shape.incidence, || h)
         } else {
             0.0
         };
@@ -209,6 +222,12 @@ impl Rule {
         record.obstacle = PointScore::quantise(w_bl * own.obstacle + w_bg * obstacle * share);
         record
     }
+}
+
+/// The length of a vector in the plane. (`hypot` guards against overflow, which metres do not need, at ten times the
+/// cost.)
+fn length(x: f32, y: f32) -> f32 {
+    (x * x + y * y).sqrt()
 }
 
 #[cfg(test)]

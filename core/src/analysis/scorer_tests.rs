@@ -4,9 +4,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::scan::Grid;
-use crate::surface::test_scans::{
-    Shape, TestScan, ground, handheld_recording, pitching, pitching_recording, turning,
-};
+use crate::surface::test_scans::{Shape, TestScan, ground, handheld_recording, pitching, pitching_recording, turning};
 use crate::surface::{SurfaceBuilder, SurfaceConfig};
 
 fn at_height(scanner_height_m: f64) -> GroundHeight {
@@ -137,7 +135,10 @@ fn quality_falls_below_one_half_at_four_metres_of_ground() {
     let scan = turning(&[ground(1.0)], 0.5, 0.0, 0.0, 27);
     let scores = score(&scan);
     let mean = |from: f32, to: f32| {
-        let ring: Vec<f32> = scan.points.iter().zip(&scores)
+        let ring: Vec<f32> = scan
+            .points
+            .iter()
+            .zip(&scores)
             .filter(|(p, s)| s.is_valid() && (from..to).contains(&p.x.hypot(p.y)))
             .map(|(_, s)| PointScore::dequantise(s.quality))
             .collect();
@@ -213,9 +214,8 @@ fn recorded_scans_are_scored_with_some_ground_and_some_obstacles() {
         let mut out = vec![PointScore::NONE; scan.points.len()];
         let summary = Scorer::new().score(scan, surface, &level, ground, &config, &mut out).unwrap();
         assert!(is_consistent(scan, &out));
-        let share = |wanted: fn(&PointScore) -> bool| {
-            out.iter().filter(|s| wanted(s)).count() as f64 / summary.valid as f64
-        };
+        let share =
+            |wanted: fn(&PointScore) -> bool| out.iter().filter(|s| wanted(s)).count() as f64 / summary.valid as f64;
         let navigable = share(|s| PointScore::dequantise(s.navigable) > 0.65);
         let obstacle = share(|s| PointScore::dequantise(s.obstacle) > 0.83);
         println!("{summary:?}: navigable {navigable:.3}, obstacle {obstacle:.3}");

@@ -143,30 +143,33 @@ impl SurfaceBuilder {
     fn smooth(&mut self, topology: &Topology, config: &SurfaceConfig) {
         let Grid { rows, cols } = topology.grid;
         let (smoother, directions, raw) = (Smoother::new(config), &self.directions, &self.inverse_ranges);
-        let step = |cell: usize, next: Option<usize>, previous: Option<usize>| {
-            let to = |other: Option<usize>| other.map_or(0.0, |o| chord(&directions[cell], &directions[o]));
-            let ahead = to(next);
-            if ahead > 0.0 { ahead } else { to(previous) }
+        let step = |here: &[f32; 3], next: Option<&[f32; 3]>, previous: Option<&[f32; 3]>| {
+            let ahead = next.map_or(0.0, |d| chord(here, d));
+            if ahead > 0.0 { ahead } else { previous.map_or(0.0, |d| chord(here, d)) }
         };
         for_blocks(&mut self.smoothed, cols, config.threads, |first_row, block| {
-            for (offset, value) in block.iter_mut().enumerate() {
-                let (row, col) = (first_row + offset / cols, offset % cols);
-                let (base, cell) = (row * cols, row * cols + col);
+            for (offset, values) in block.chunks_mut(cols).enumerate() {
+                let base = (first_row + offset) * cols;
                 let line = Line { base, stride: 1, len: cols, wraps: topology.wraps_cols };
-                let width = step(cell, (col + 1 < cols).then_some(cell + 1), col.checked_sub(1).map(|c| base + c));
-                *value = smoother.smooth(raw, line, col, width);
+                let rays = &directions[base..base + cols];
+                for (col, (value, here)) in values.iter_mut().zip(rays).enumerate() {
+                    let width = step(here, rays.get(col + 1), rays.get(col.wrapping_sub(1)));
+                    *value = smoother.smooth(raw, line, col, width);
+                }
             }
         });
         let smoothed = &self.smoothed;
         for_blocks(&mut self.samples, cols, config.threads, |first_row, block| {
-            for (offset, sample) in block.iter_mut().enumerate() {
-                let (row, col) = (first_row + offset / cols, offset % cols);
-                let cell = row * cols + col;
-                let line = Line { base: col, stride: cols, len: rows, wraps: topology.wraps_rows };
-                let width = step(cell, (row + 1 < rows).then_some(cell + cols), cell.checked_sub(cols));
-                let q = smoother.smooth(smoothed, line, row, width);
-                let [x, y, z] = directions[cell];
-                *sample = if q > 0.0 { [x / q, y / q, z / q, q] } else { [0.0; 4] };
+            for (offset, samples) in block.chunks_mut(cols).enumerate() {
+                let (row, first) = (first_row + offset, (first_row + offset) * cols);
+                for (col, sample) in samples.iter_mut().enumerate() {
+                    let (cell, here) = (first + col, &directions[first + col]);
+                    let line = Line { base: col, stride: cols, len: rows, wraps: topology.wraps_rows };
+                    let width = step(here, directions.get(cell + cols), directions.get(cell.wrapping_sub(cols)));
+                    let q = smoother.smooth(smoothed, line, row, width);
+                    let range = 1.0 / q;
+                    *sample = if q > 0.0 { [here[0] * range, here[1] * range, here[2] * range, q] } else { [0.0; 4] };
+                }
             }
         });
     }
@@ -191,10 +194,10 @@ impl SurfaceBuilder {
                     }
                     let (left, right) = (topology.col_before(col), topology.col_after(col));
                     let beyond = right.and_then(|c| topology.col_after(c));
-                    let line = Some(row);
-                    let across = test.judge(at(line, left), here, at(line, right), at(line, beyond));
-                    let line = Some(col);
-                    let down = test.judge(at(above, line), here, at(below, line), at(further, line));
+                    let on_row = |c: Option<usize>| at(Some(row), c);
+                    let across = test.judge(here, on_row(right), || [*on_row(left), *on_row(beyond)]);
+                    let on_col = |r: Option<usize>| at(r, Some(col));
+                    let down = test.judge(here, on_col(below), || [*on_col(above), *on_col(further)]);
                     *legs = across.bits() | down.bits() << 2;
                 }
             }

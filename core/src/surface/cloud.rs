@@ -1,10 +1,10 @@
 //! The surface of a scan without an order: normals, areas and qualities from each point's nearest neighbours.
 
 use super::config::SurfaceConfig;
+use super::for_blocks2;
 use super::neighbours::{Entry, NeighbourList, Search, Tree};
 use super::quality::{QualityScale, incidence_quality};
 use super::view::{Surface, SurfacePoint};
-use super::for_blocks2;
 use crate::scan::Point;
 
 /// Fewer neighbours than this span no plane.
@@ -25,10 +25,13 @@ impl Cloud {
     pub(super) fn build(&mut self, points: &[Point], config: &SurfaceConfig, surface: &mut Surface) {
         let least = config.range_min_m as f32;
         let is_used = |p: &Point| p.is_return() && p.range() >= least;
-        self.tree.rebuild(points.iter().enumerate().filter(|(_, p)| is_used(p)).map(|(index, p)| Entry {
-            position: [p.x, p.y, p.z],
-            index: index as u32,
-        }));
+        self.tree.rebuild(
+            points
+                .iter()
+                .enumerate()
+                .filter(|(_, p)| is_used(p))
+                .map(|(index, p)| Entry { position: [p.x, p.y, p.z], index: index as u32 }),
+        );
         let used = self.tree.entries.len();
         self.slot_points.resize(used, SurfacePoint::default());
         surface.lists.resize(used, NeighbourList::default());
@@ -123,7 +126,7 @@ fn plane_normal(offsets: impl Iterator<Item = [f64; 3]>) -> Option<[f32; 3]> {
     let central = [mx * mx, mx * my, mx * mz, my * my, my * mz, mz * mz];
     let c: [f64; 6] = std::array::from_fn(|i| products[i] / count - central[i]);
     let [least, middle, most] = eigenvalues(&c)?;
-    if middle <= LINE_SHARE * most || !(most > 0.0) {
+    if middle <= LINE_SHARE * most || most <= 0.0 {
         return None;
     }
     eigenvector(&c, least)
@@ -150,9 +153,8 @@ fn eigenvalues(c: &[f64; 6]) -> Option<[f64; 3]> {
 fn eigenvector(c: &[f64; 6], lambda: f64) -> Option<[f32; 3]> {
     let [xx, xy, xz, yy, yz, zz] = *c;
     let rows = [[xx - lambda, xy, xz], [xy, yy - lambda, yz], [xz, yz, zz - lambda]];
-    let cross = |a: [f64; 3], b: [f64; 3]| {
-        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-    };
+    let cross =
+        |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     let square = |v: &[f64; 3]| v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
     let candidates = [cross(rows[0], rows[1]), cross(rows[0], rows[2]), cross(rows[1], rows[2])];
     let best = candidates.into_iter().fold([0.0; 3], |best, v| if square(&v) > square(&best) { v } else { best });

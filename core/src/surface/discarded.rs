@@ -58,9 +58,10 @@ pub(super) fn list(
         for (without, corners) in TRIANGLE_CORNERS.iter().enumerate() {
             if discarded & (1 << without) != 0 {
                 let cells = corners.map(|k| quad[k]);
-                let (area_vector, area) = facing_area(cells.map(|c| &samples[c]));
+                let [x, y, z, area] = facing_area(cells.map(|c| &samples[c]));
                 let corners = cells.map(|c| c as u32);
-                out.push(DiscardedTriangle { corners, neighbours: [DiscardedTriangle::NONE; 3], area_vector, area });
+                let neighbours = [DiscardedTriangle::NONE; 3];
+                out.push(DiscardedTriangle { corners, neighbours, area_vector: [x, y, z], area });
             }
         }
     }

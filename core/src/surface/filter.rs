@@ -41,11 +41,10 @@ impl Smoother {
         for offset in 1..=width {
             let (plus, minus) = line.pair(q, at, offset);
             let mean = 0.5 * (plus + minus);
-            // A missing return has q = 0 and fails the second test.
-            if mean > least && mean < most && (plus - minus).abs() < jump * plus * minus {
-                sum += mean;
-                pairs += 1.0;
-            }
+            // A missing return has q = 0 and fails the last test. No short circuits: the tests are cheaper than jumps.
+            let fits = (mean > least) & (mean < most) & ((plus - minus).abs() < jump * plus * minus);
+            sum += if fits { mean } else { 0.0 };
+            pairs += if fits { 1.0 } else { 0.0 };
         }
         (here + 2.0 * sum) / (1.0 + 2.0 * pairs)
     }
@@ -55,7 +54,7 @@ impl Smoother {
         if here <= 0.0 || step <= 0.0 {
             return 0;
         }
-        let cells = (self.radius * here / step).round();
+        let cells = self.radius * here / step + 0.5;
         if cells < self.cells_max as f32 { cells as usize } else { self.cells_max }
     }
 }

@@ -75,9 +75,10 @@ impl LegTest {
         }
     }
 
-    /// Judges the leg from `a` to `b`; `before` and `after` are the points that continue the grid line on either side
-    /// (zero where there is none).
-    pub(super) fn judge(&self, before: &Sample, a: &Sample, b: &Sample, after: &Sample) -> Leg {
+    /// Judges the leg from `a` to `b`; `beyond` gives the points that continue the grid line before a and after b (zero
+    /// where there is none). Only few legs need them.
+    #[inline]
+    pub(super) fn judge(&self, a: &Sample, b: &Sample, beyond: impl FnOnce() -> [Sample; 2]) -> Leg {
         let Some(step) = self.step(a, b) else { return Leg::Absent };
         let (near, far) = (a[3].max(b[3]), a[3].min(b[3]));
         let rise = b[3] - a[3];
@@ -91,7 +92,8 @@ impl LegTest {
             return Leg::Jump;
         }
         let slope = rise / step.angle2.sqrt();
-        let goes_on = self.continues(slope, before, a) || self.continues(slope, b, after);
+        let [before, after] = beyond();
+        let goes_on = self.continues(slope, &before, a) || self.continues(slope, b, &after);
         if goes_on || self.is_ground(&step, a, b, length2 / unit2) { Leg::Honest } else { Leg::Jump }
     }
 
@@ -155,7 +157,7 @@ mod tests {
                 let d = 0.01 * k as f32;
                 if along_el { sample(0.3, el + d, ranges[k] * s) } else { sample(0.3 + d, el, ranges[k] * s) }
             };
-            let judged = |s: f32| test().judge(&at(0, s), &at(1, s), &at(2, s), &at(3, s));
+            let judged = |s: f32| test().judge(&at(1, s), &at(2, s), || [at(0, s), at(3, s)]);
             // Powers of two change no mantissa.
             prop_assert_eq!(judged(1.0), judged(2f32.powi(exponent)));
         }
@@ -163,15 +165,15 @@ mod tests {
         #[test]
         fn the_judgement_does_not_depend_on_the_order_along_the_line(ranges in prop::array::uniform4(0.5..30.0f32), el in -1.2..1.2f32) {
             let p: Vec<_> = ranges.iter().enumerate().map(|(k, r)| sample(0.0, el + 0.01 * k as f32, *r)).collect();
-            let (there, back) = (test().judge(&p[0], &p[1], &p[2], &p[3]), test().judge(&p[3], &p[2], &p[1], &p[0]));
+            let (there, back) = (test().judge(&p[1], &p[2], || [p[0], p[3]]), test().judge(&p[2], &p[1], || [p[3], p[0]]));
             prop_assert_eq!(there, back);
         }
     }
 
     #[test]
     fn a_facing_wall_is_honest_and_a_depth_jump_is_not() {
-        assert_eq!(test().judge(&NONE, &sample(0.0, 0.0, 5.0), &sample(0.01, 0.0, 5.0), &NONE), Leg::Honest);
-        assert_eq!(test().judge(&NONE, &sample(0.0, 0.0, 5.0), &sample(0.01, 0.0, 7.0), &NONE), Leg::Jump);
+        assert_eq!(test().judge(&sample(0.0, 0.0, 5.0), &sample(0.01, 0.0, 5.0), || [NONE, NONE]), Leg::Honest);
+        assert_eq!(test().judge(&sample(0.0, 0.0, 5.0), &sample(0.01, 0.0, 7.0), || [NONE, NONE]), Leg::Jump);
     }
 
     #[test]
@@ -181,22 +183,22 @@ mod tests {
             let az = 0.05 + 0.004 * k as f32;
             sample(az, 0.0, 1.0 / az.sin())
         };
-        assert_eq!(test().judge(&at(0), &at(1), &at(2), &at(3)), Leg::Honest);
-        assert_eq!(test().judge(&NONE, &at(1), &at(2), &NONE), Leg::Jump);
+        assert_eq!(test().judge(&at(1), &at(2), || [at(0), at(3)]), Leg::Honest);
+        assert_eq!(test().judge(&at(1), &at(2), || [NONE, NONE]), Leg::Jump);
     }
 
     #[test]
     fn level_ground_is_honest_without_neighbours_but_not_the_same_leg_above_the_horizon() {
         let at = |deg: f32, sign: f32| sample(0.0, sign * deg.to_radians(), 1.0 / deg.to_radians().sin());
-        assert_eq!(test().judge(&NONE, &at(3.5, -1.0), &at(3.0, -1.0), &NONE), Leg::Honest);
-        assert_eq!(test().judge(&NONE, &at(3.5, 1.0), &at(3.0, 1.0), &NONE), Leg::Jump);
+        assert_eq!(test().judge(&at(3.5, -1.0), &at(3.0, -1.0), || [NONE, NONE]), Leg::Honest);
+        assert_eq!(test().judge(&at(3.5, 1.0), &at(3.0, 1.0), || [NONE, NONE]), Leg::Jump);
     }
 
     #[test]
     fn one_direction_seen_twice_makes_no_leg() {
-        assert_eq!(test().judge(&NONE, &sample(0.0, 0.0, 5.0), &sample(0.0, 0.0, 5.0), &NONE), Leg::Absent);
-        assert_eq!(test().judge(&NONE, &sample(0.0, 0.0, 5.0), &sample(0.0, 0.0, 9.0), &NONE), Leg::Absent);
-        assert_eq!(test().judge(&NONE, &sample(0.0, 0.0, 5.0), &sample(0.5, 0.0, 5.0), &NONE), Leg::Absent);
-        assert_eq!(test().judge(&NONE, &NONE, &sample(0.0, 0.0, 5.0), &NONE), Leg::Absent);
+        assert_eq!(test().judge(&sample(0.0, 0.0, 5.0), &sample(0.0, 0.0, 5.0), || [NONE, NONE]), Leg::Absent);
+        assert_eq!(test().judge(&sample(0.0, 0.0, 5.0), &sample(0.0, 0.0, 9.0), || [NONE, NONE]), Leg::Absent);
+        assert_eq!(test().judge(&sample(0.0, 0.0, 5.0), &sample(0.5, 0.0, 5.0), || [NONE, NONE]), Leg::Absent);
+        assert_eq!(test().judge(&NONE, &sample(0.0, 0.0, 5.0), || [NONE, NONE]), Leg::Absent);
     }
 }

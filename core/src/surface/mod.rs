@@ -20,9 +20,9 @@ mod topology;
 mod view;
 
 #[cfg(test)]
-mod tests;
-#[cfg(test)]
 pub(crate) mod test_scans;
+#[cfg(test)]
+mod tests;
 
 pub(crate) use blocks::{for_blocks, for_blocks2};
 pub use builder::{SurfaceBuilder, SurfaceError};

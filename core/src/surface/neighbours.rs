@@ -86,7 +86,8 @@ impl Tree {
         let axis = usize::from(self.axes[middle]);
         let offset = search.centre[axis] - self.entries[middle].position[axis];
         search.offer(middle, &self.entries[middle].position);
-        let (near, far) = if offset < 0.0 { ((from, middle), (middle + 1, to)) } else { ((middle + 1, to), (from, middle)) };
+        let (near, far) =
+            if offset < 0.0 { ((from, middle), (middle + 1, to)) } else { ((middle + 1, to), (from, middle)) };
         self.descend(near.0, near.1, search);
         if offset * offset <= search.limit2() {
             self.descend(far.0, far.1, search);

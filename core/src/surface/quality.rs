@@ -34,16 +34,21 @@ pub(super) struct QualityScale {
     area_max: f32,
     w_a: f32,
     w_n: f32,
+    /// 1 / sqrt(w_a^2 + w_n^2).
+    scale: f32,
 }
 
 impl QualityScale {
     pub(super) fn new(config: &SurfaceConfig) -> Self {
-        Self { area_max: config.area_max_m2 as f32, w_a: config.w_a as f32, w_n: config.w_n as f32 }
+        let scale = 1.0 / config.w_a.hypot(config.w_n);
+        let (w_a, w_n) = (config.w_a as f32, config.w_n as f32);
+        Self { area_max: config.area_max_m2 as f32, w_a, w_n, scale: scale as f32 }
     }
 
     /// D of a point with this area [m^2] and |v.n|.
     pub(super) fn of(&self, area: f32, incidence: f32) -> f32 {
-        quality(area_quality(area, self.area_max), incidence, self.w_a, self.w_n)
+        let (a, n) = (self.w_a * area_quality(area, self.area_max), self.w_n * incidence);
+        ((a * a + n * n).sqrt() * self.scale).min(1.0)
     }
 }
 
@@ -67,6 +72,14 @@ mod tests {
         fn the_area_quality_is_full_up_to_the_limit_and_then_falls_in_proportion(area in 0.0..1.0f32) {
             let d = area_quality(area, 0.0025);
             if area <= 0.0025 { prop_assert_eq!(d, 1.0); } else { prop_assert!((d * area - 0.0025).abs() < 1e-8); }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_scale_of_a_scan_gives_the_quality_of_the_formula(area in 0.0..0.1f32, incidence in 0.0..=1.0f32) {
+            let direct = quality(area_quality(area, 0.0025), incidence, 0.93, 0.07);
+            prop_assert!((QualityScale::new(&SurfaceConfig::default()).of(area, incidence) - direct).abs() < 1e-5);
         }
     }
 

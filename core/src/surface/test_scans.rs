@@ -87,8 +87,7 @@ pub(crate) fn turning(scene: &[Shape], step_deg: f64, top_deg: f64, sigma_m: f64
 pub(crate) fn pitching(scene: &[Shape], step_deg: f64, top_deg: f64, sigma_m: f64, seed: u64) -> TestScan {
     let grid = Grid { rows: ((top_deg + 60.0) / step_deg) as usize + 1, cols: (180.0 / step_deg) as usize + 1 };
     scan(scene, grid, sigma_m, seed, |row, col| {
-        let (pitch, beam) =
-            ((row as f64 * step_deg - 60.0).to_radians(), (col as f64 * step_deg - 90.0).to_radians());
+        let (pitch, beam) = ((row as f64 * step_deg - 60.0).to_radians(), (col as f64 * step_deg - 90.0).to_radians());
         Vector3::new(beam.cos() * pitch.cos(), beam.sin(), beam.cos() * pitch.sin())
     })
 }
@@ -102,11 +101,7 @@ pub(crate) fn data_folder(test: &str) -> Option<std::path::PathBuf> {
     if folder.is_dir() {
         return Some(folder);
     }
-    assert!(
-        std::env::var("MIRADOR_DATA_REQUIRED").as_deref() != Ok("1"),
-        "{test}: no data at {}",
-        folder.display()
-    );
+    assert!(std::env::var("MIRADOR_DATA_REQUIRED").as_deref() != Ok("1"), "{test}: no data at {}", folder.display());
     println!("SKIPPED: {test}: no data at {}", folder.display());
     None
 }

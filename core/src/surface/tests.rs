@@ -101,7 +101,9 @@ fn the_normals_of_noisy_ground_are_as_good_as_calibrated() {
     let scan = turning(&[ground(1.0)], 0.5, 0.0, 0.01, 5);
     let builder = build(scan.view(), 1);
     // Distances [m] and the calibrated median and 90th percentile [deg], with a little room.
-    for (from, to, median, high) in [(0.6, 1.0, 1.3, 2.9), (1.0, 1.5, 0.9, 1.9), (2.0, 3.0, 0.5, 1.2), (5.0, 8.0, 0.3, 0.6)] {
+    for (from, to, median, high) in
+        [(0.6, 1.0, 1.3, 2.9), (1.0, 1.5, 0.9, 1.9), (2.0, 3.0, 0.5, 1.2), (5.0, 8.0, 0.3, 0.6)]
+    {
         let mut errors: Vec<f32> = (0..scan.points.len())
             .filter(|i| (from..to).contains(&horizontal(&scan.points[*i])))
             .filter_map(|i| builder.surface().normal(i))
@@ -118,7 +120,8 @@ fn normals_face_the_scanner_and_areas_are_those_of_the_grid() {
     let wall = [Shape::Plane { normal: Vector3::x(), offset: 5.0 }];
     let scan = turning(&wall, 0.5, 30.0, 0.0, 6);
     let builder = build(scan.view(), 1);
-    let facing = (0..scan.points.len()).find(|i| horizontal(&scan.points[*i]) < 5.001 && scan.points[*i].z.abs() < 0.05);
+    let facing =
+        (0..scan.points.len()).find(|i| horizontal(&scan.points[*i]) < 5.001 && scan.points[*i].z.abs() < 0.05);
     let index = facing.unwrap();
     let normal = builder.surface().normal(index).unwrap();
     assert!((normal - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-3);

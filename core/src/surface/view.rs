@@ -12,10 +12,10 @@ use super::topology::Topology;
 pub struct SurfacePoint {
     /// The unit normal in the scanner's frame, turned towards the scanner (3.13); zero where there is none.
     pub normal: [f32; 3],
-    /// |v.n|, v the unit ray (3.26).
-    pub incidence: f32,
     /// A(p), the point's share of the surface [m^2] (3.12).
     pub area: f32,
+    /// |v.n|, v the unit ray (3.26).
+    pub incidence: f32,
     /// D, in [0, 1] (3.27).
     pub quality: f32,
 }
@@ -37,6 +37,8 @@ pub struct Surface {
     pub(super) triangles: Vec<u8>,
     /// Per cell: which of the eight cells around share a kept triangle with it, in the order of `LINK_OFFSETS`.
     pub(super) links: Vec<u8>,
+    /// Per bit of `links` the step to that cell, modulo the number of cells.
+    pub(super) link_steps: [usize; 8],
     pub(super) discarded: Vec<DiscardedTriangle>,
     pub(super) lists: Vec<NeighbourList>,
     pub(super) list_of_point: Vec<u32>,
@@ -117,6 +119,17 @@ impl Surface {
                 return;
             }
             let (rows, cols) = (topology.grid.rows, topology.grid.cols);
+            if !topology.wraps_cols {
+                // Only rows can wrap, and those do so by the number of cells; links never leave the grid otherwise.
+                let cells = rows * cols;
+                let mut rest = links;
+                while rest != 0 {
+                    let at = index + self.link_steps[rest.trailing_zeros() as usize];
+                    visit(if at >= cells { at - cells } else { at });
+                    rest &= rest - 1;
+                }
+                return;
+            }
             let (row, col) = (index / cols, index % cols);
             let above = if row == 0 { rows - 1 } else { row - 1 };
             let below = if row + 1 == rows { 0 } else { row + 1 };
@@ -136,7 +149,10 @@ impl Surface {
 
     /// Marks, for every cell, the cells it shares a kept triangle with.
     pub(super) fn link_neighbours(&mut self, topology: &Topology, threads: usize) {
-        let (cols, triangles) = (topology.grid.cols, &self.triangles);
+        let (cols, triangles, cells) = (topology.grid.cols, &self.triangles, topology.grid.cells() as isize);
+        self.link_steps = LINK_OFFSETS.map(|(down, across)| {
+            (isize::from(down) * cols as isize + isize::from(across)).rem_euclid(cells.max(1)) as usize
+        });
         super::for_blocks(&mut self.links, cols, threads, |first_row, block| {
             for (offset, row_links) in block.chunks_mut(cols).enumerate() {
                 let row = first_row + offset;
