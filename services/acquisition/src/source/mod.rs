@@ -1,6 +1,7 @@
 //! What delivers scans: one trait, three sources.
 
 mod files;
+mod recording;
 
 mod scene;
 
