@@ -97,7 +97,7 @@ pub fn estimate_ground_height(
     })
 }
 
-/// Every how manyth point is looked at: coprime to the columns, so that no column is left out.
+/// The step between the points looked at: coprime to the columns, so that no column is left out.
 fn sampling_stride(scan: &ScanView<'_>) -> usize {
     let cols = scan.grid.map_or(1, |grid| grid.cols.max(1));
     let common = |mut a: usize, mut b: usize| {
