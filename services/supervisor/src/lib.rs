@@ -5,8 +5,10 @@
 
 pub mod cli;
 mod commands;
+pub mod explain;
 pub mod graph;
 mod output_dir;
+pub mod outputs;
 mod progress;
 pub mod supervise;
 

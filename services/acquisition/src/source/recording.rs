@@ -3,7 +3,7 @@
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::scan::{Grid, Point};
 use mirador_ipc_schema::topics;
-use mirador_recorder::read::{ReadError, RunReader};
+use mirador_recorder::{ReadError, RunReader};
 
 use super::{ScanInfo, Source, SourceError, Written, limited};
 use crate::AcquisitionConfig;

@@ -5,6 +5,5 @@ mod monitor;
 mod process;
 mod run;
 
-pub use monitor::{ServiceTotals, Totals};
 pub use process::{die_with_parent, exec_child, pin_to};
 pub use run::{Ended, RunOutcome, RunPlan, check_slots, run};

@@ -6,62 +6,34 @@ use std::collections::BTreeMap;
 use anyhow::Result;
 use mirador_ipc_schema::messages::{CLOCK_ENDED, CLOCK_FAULT, SERVICE_FAILED, ServiceHealth};
 use mirador_ipc_schema::{Participant, Subscriber, Wakeable, text, topics};
-use serde::Serialize;
 
-/// The counters of a service, summed over its incarnations.
-#[derive(Debug, Clone, Default, Serialize)]
-pub struct ServiceTotals {
-    /// Scans finished.
-    pub finished_scans: u32,
-    /// Greatest resident memory seen [bytes].
-    pub resident_bytes: u64,
-    /// CPU time [ns].
-    pub cpu_ns: u64,
-    /// Payload bytes copied through the ports.
-    pub copied_payload_bytes: u64,
-    /// Messages found missing.
-    pub lost_messages: u64,
-    /// Messages not delivered within the back-pressure limit.
-    pub undelivered_messages: u64,
-    /// Times it was started again.
-    pub restarts: u32,
-    #[serde(skip)]
+use crate::outputs::ServiceTotals;
+
+/// The counters of one service, summed over its incarnations.
+#[derive(Debug, Default)]
+struct Tally {
+    totals: ServiceTotals,
     pid: u32,
-    #[serde(skip)]
-    before: Earlier,
+    /// What earlier incarnations had counted.
+    before: ServiceTotals,
 }
 
-/// What earlier incarnations had counted.
-#[derive(Debug, Clone, Copy, Default)]
-struct Earlier {
-    cpu_ns: u64,
-    copied: u64,
-    lost: u64,
-    undelivered: u64,
-}
-
-impl ServiceTotals {
+impl Tally {
     fn take_in(&mut self, health: &ServiceHealth) {
         if self.pid != health.pid {
-            self.before = Earlier {
-                cpu_ns: self.cpu_ns,
-                copied: self.copied_payload_bytes,
-                lost: self.lost_messages,
-                undelivered: self.undelivered_messages,
-            };
+            self.before = self.totals.clone();
             self.pid = health.pid;
         }
-        self.finished_scans = self.finished_scans.max(health.finished_scans);
-        self.resident_bytes = self.resident_bytes.max(health.resident_bytes);
-        self.cpu_ns = self.before.cpu_ns + health.cpu_ns;
-        self.copied_payload_bytes = self.before.copied + health.copied_payload_bytes;
-        self.lost_messages = self.before.lost + health.lost_messages;
-        self.undelivered_messages = self.before.undelivered + health.undelivered_messages;
+        let (totals, before) = (&mut self.totals, &self.before);
+        totals.resident_bytes = totals.resident_bytes.max(health.resident_bytes);
+        totals.cpu_ns = before.cpu_ns + health.cpu_ns;
+        totals.copied_payload_bytes = before.copied_payload_bytes + health.copied_payload_bytes;
+        totals.lost_messages = before.lost_messages + health.lost_messages;
+        totals.undelivered_messages = before.undelivered_messages + health.undelivered_messages;
+        totals.sent_messages = before.sent_messages + health.sent_messages;
+        totals.received_messages = before.received_messages + health.received_messages;
     }
 }
-
-/// The counters of the whole graph.
-pub type Totals = BTreeMap<String, ServiceTotals>;
 
 /// The supervisor's place in the graph.
 pub struct Monitor {
@@ -69,7 +41,7 @@ pub struct Monitor {
     clock: Subscriber<topics::Clock>,
     plans: Subscriber<topics::ViewPlan>,
     /// Counters of every service.
-    pub totals: Totals,
+    tallies: BTreeMap<String, Tally>,
     /// Scans the source will deliver; 0 while unknown.
     pub scans_expected: u32,
     /// Scans planned on.
@@ -98,7 +70,7 @@ impl Monitor {
             health: participant.subscriber()?,
             clock: participant.subscriber()?,
             plans: participant.subscriber()?,
-            totals: Totals::new(),
+            tallies: BTreeMap::new(),
             scans_expected: 0,
             scans_planned: 0,
             ended: false,
@@ -118,7 +90,7 @@ impl Monitor {
         while let Some(message) = self.health.receive()? {
             for health in message.items() {
                 let name = text::unpack(&health.service);
-                self.totals.entry(name.to_owned()).or_default().take_in(health);
+                self.tallies.entry(name.to_owned()).or_default().take_in(health);
                 if health.state == SERVICE_FAILED && name == "acquisition" {
                     self.fault = Some(text::unpack(&health.message).to_owned());
                 }
@@ -139,5 +111,11 @@ impl Monitor {
             self.decision = format!("{}, {milliseconds:.0} ms", text::unpack(&plan.reason_code));
         }
         Ok(())
+    }
+
+    /// The counters of a service, with its name and restarts filled in.
+    pub fn totals_of(&self, service: &str, restarts: u32) -> ServiceTotals {
+        let totals = self.tallies.get(service).map(|t| t.totals.clone()).unwrap_or_default();
+        ServiceTotals { name: service.to_owned(), restarts, ..totals }
     }
 }

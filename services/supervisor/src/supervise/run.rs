@@ -8,9 +8,10 @@ use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Wake, budget};
 use rustix::process::Signal;
 
 use super::child::{Fate, Launch, Supervised, last_line};
-use super::monitor::{Monitor, Totals};
+use super::monitor::Monitor;
 use crate::UsageError;
 use crate::graph::Graph;
+use crate::outputs::ServiceTotals;
 
 /// How often the supervisor looks after its children when nothing wakes it.
 const LOOK: Duration = Duration::from_millis(20);
@@ -49,7 +50,7 @@ pub struct RunOutcome {
     /// Why it ended.
     pub ended: Ended,
     /// Counters of every service.
-    pub totals: Totals,
+    pub services: Vec<ServiceTotals>,
     /// Starts after deaths, over all services.
     pub restarts: u32,
     /// From the start of the first service to the end of the last.
@@ -71,9 +72,10 @@ pub fn run(plan: &RunPlan) -> Result<RunOutcome> {
     drop(participant);
     // Everyone is gone: what remains are files that iceoryx2 leaves behind.
     let cleaned = domain.remove_all();
-    let (ended, totals, restarts) = result?;
+    let (ended, services) = result?;
     cleaned.context("the domain cannot be cleaned up")?;
-    Ok(RunOutcome { ended, totals, restarts, wall: begin.elapsed() })
+    let restarts = services.iter().map(|s| s.restarts).sum();
+    Ok(RunOutcome { ended, services, restarts, wall: begin.elapsed() })
 }
 
 /// Makes sure that nobody else runs in the domain, and removes what the dead have left.
@@ -95,7 +97,7 @@ fn claim(domain: &Domain) -> Result<()> {
     Ok(())
 }
 
-fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Totals, u32)> {
+fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Vec<ServiceTotals>)> {
     let mut monitor = Monitor::open(participant)?;
     let mut children = start_all(plan)?;
     let watched = watch(plan, participant, &mut monitor, &mut children);
@@ -104,11 +106,8 @@ fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Total
     if let Ended::Fault(reason) = &mut ended {
         *reason = reason.replace('\n', " ");
     }
-    for child in &children {
-        monitor.totals.entry(child.launch.name.clone()).or_default().restarts = child.restarts();
-    }
-    let restarts = children.iter().map(Supervised::restarts).sum();
-    Ok((ended, std::mem::take(&mut monitor.totals), restarts))
+    let totals = children.iter().rev().map(|c| monitor.totals_of(&c.launch.name, c.restarts()));
+    Ok((ended, totals.collect()))
 }
 
 fn start_all(plan: &RunPlan) -> Result<Vec<Supervised>> {

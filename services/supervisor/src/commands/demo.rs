@@ -1,0 +1,17 @@
+//! `mirador` without a command: the built-in scene through the whole graph.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+
+use super::session::{Session, load_graph};
+use crate::Registry;
+use crate::cli::Common;
+
+/// Scans the built-in scene `simple`.
+pub fn demo(common: &Common, registry: &Registry) -> Result<u8> {
+    let graph = load_graph(common, None, registry)?;
+    let out = common.out.clone().unwrap_or_else(|| PathBuf::from("mirador-out"));
+    let title = format!("Scene {}", graph.acquisition.scene);
+    Session { common, graph, out, truth: None, title }.run()
+}

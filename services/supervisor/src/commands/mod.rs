@@ -1,0 +1,53 @@
+//! The commands.
+
+mod bench;
+mod convert;
+mod demo;
+mod doctor;
+mod replay;
+mod service;
+mod session;
+mod top;
+mod up;
+
+use std::io::Write;
+
+use anyhow::Result;
+
+use crate::cli::{BenchCommand, Cli, Command};
+use crate::{EXIT_DONE, Registry, supervise};
+
+/// Carries out the command and returns the exit code.
+pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
+    let common = &cli.common;
+    supervise::pin_to(&common.cores)?;
+    match cli.command {
+        None => demo::demo(common, &registry),
+        Some(Command::Replay(args)) => replay::replay(common, &args, &registry),
+        Some(Command::Up { graph }) => up::up(common, &graph, &registry),
+        Some(Command::Run(args)) => service::run_service(common, &args, &registry),
+        Some(Command::Top { once, json }) => top::top(common, once, json),
+        Some(Command::Bench { what: BenchCommand::Ipc { json, messages, pace_ms } }) => {
+            bench::ipc(json.as_deref(), messages, pace_ms)
+        }
+        Some(Command::Explain { dir, scan }) => {
+            let mut text = Vec::new();
+            crate::explain::explain(&dir, scan, &mut text)?;
+            // A reader that closes the pipe early (head, less) has seen what it wanted.
+            let _ = std::io::stdout().lock().write_all(&text);
+            Ok(EXIT_DONE)
+        }
+        Some(Command::Convert { input, output, grid }) => {
+            convert::convert(&input, &output, grid.as_deref(), common.quiet)
+        }
+        Some(Command::Doctor { fix }) => doctor::doctor(common, fix),
+        Some(Command::ExecChild { parent, command }) => {
+            supervise::exec_child(parent, &command)?;
+            Ok(EXIT_DONE)
+        }
+        Some(Command::BenchPeer { args }) => {
+            mirador_bench::ipc::peer_main(args)?;
+            Ok(EXIT_DONE)
+        }
+    }
+}

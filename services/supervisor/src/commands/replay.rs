@@ -1,0 +1,69 @@
+//! `mirador replay`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use mirador_acquisition::SourceKind;
+
+use super::session::{Session, load_graph};
+use crate::Registry;
+use crate::cli::{Common, ReplayArgs};
+
+/// Feeds recorded scans through the graph.
+pub fn replay(common: &Common, args: &ReplayArgs, registry: &Registry) -> Result<u8> {
+    let mut graph = load_graph(common, None, registry)?;
+    let acquisition = &mut graph.acquisition;
+    acquisition.source = SourceKind::Replay;
+    acquisition.path = absolute(&args.path);
+    acquisition.poses = args.poses.as_deref().map(|file| beside(&args.path, file));
+    if let Some(grid) = &args.grid {
+        acquisition.grid = Some(grid.clone());
+    }
+    if let Some(range) = args.min_range {
+        acquisition.range_min_m = range;
+    }
+    if let Some(range) = args.max_range {
+        acquisition.range_max_m = range;
+    }
+    if let Some(speed) = args.speed {
+        acquisition.speed = speed;
+        graph.graph.lockstep = speed == 0.0;
+    }
+    if let Some(count) = args.max_scans {
+        acquisition.max_scans = count;
+    }
+    let out = common.out.clone().unwrap_or_else(|| PathBuf::from("mirador-out"));
+    let truth = args.truth.as_deref().map(|file| beside(&args.path, file));
+    let title = format!("Replay of {}", name_of(&args.path));
+    Session { common, graph, out, truth, title }.run()
+}
+
+fn name_of(path: &Path) -> String {
+    path.file_name().map_or_else(|| path.display().to_string(), |n| n.to_string_lossy().into_owned())
+}
+
+/// Services may run in another folder.
+fn absolute(path: &Path) -> PathBuf {
+    std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf())
+}
+
+/// A file named relative to the data: in the folder, or beside the file.
+fn beside(data: &Path, file: &Path) -> PathBuf {
+    let folder = if data.is_dir() { data } else { data.parent().unwrap_or(Path::new("")) };
+    absolute(&folder.join(file))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_file_lies_in_the_folder_or_beside_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let scan = folder.path().join("a.ply");
+        std::fs::write(&scan, "").unwrap();
+        assert_eq!(beside(folder.path(), Path::new("p.tum")), folder.path().join("p.tum"));
+        assert_eq!(beside(&scan, Path::new("p.tum")), folder.path().join("p.tum"));
+        assert_eq!(beside(&scan, Path::new("/elsewhere/p.tum")), Path::new("/elsewhere/p.tum"));
+    }
+}

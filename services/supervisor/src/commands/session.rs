@@ -1,0 +1,214 @@
+//! From a graph to finished outputs: what `replay`, `up` and the demonstration have in common.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+use mirador_acquisition::{AcquisitionConfig, SourceKind, open_source, scene_of, true_poses};
+use mirador_core::formats::read_poses;
+use mirador_core::geometry::Pose;
+use mirador_core::simulation::{CompiledScene, ReachConfig, reachable_cells};
+use mirador_core::view_planning::WorkArea;
+use mirador_ipc_schema::StopSignal;
+
+use crate::cli::Common;
+use crate::graph::{self, Graph};
+use crate::output_dir::{self, MARK};
+use crate::outputs::{self, RunFacts, Summary};
+use crate::supervise::{Ended, RunOutcome, RunPlan, check_slots, run};
+use crate::{EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, Registry, UsageError};
+
+/// Loads the graph of a command: the named file, else `--config`, else the standard one; then the overrides.
+pub fn load_graph(common: &Common, file: Option<&Path>, registry: &Registry) -> Result<Graph> {
+    let mut settings = common.set.clone();
+    if let Some(domain) = &common.domain {
+        settings.push(format!("graph.domain=\"{domain}\""));
+    }
+    let loaded = match file.or(common.config.as_deref()) {
+        Some(path) => graph::load(path, &settings, registry),
+        None => graph::load_text(graph::STANDARD, "the built-in graph", &settings, registry),
+    };
+    loaded.map_err(|e| UsageError(e.to_string()).into())
+}
+
+/// One run from start to outputs.
+pub struct Session<'a> {
+    /// Options of the command line.
+    pub common: &'a Common,
+    /// The graph.
+    pub graph: Graph,
+    /// The output folder.
+    pub out: PathBuf,
+    /// A file with the true poses.
+    pub truth: Option<PathBuf>,
+    /// Heading of the report.
+    pub title: String,
+}
+
+/// What is known before the first scan.
+struct Known {
+    truth: Option<BTreeMap<u32, Pose>>,
+    truth_cells: Option<Vec<[f64; 2]>>,
+}
+
+impl Session<'_> {
+    /// Runs the graph and writes the outputs.
+    pub fn run(mut self) -> Result<u8> {
+        let stop = StopSignal::from_terminal().context("signals cannot be handled")?;
+        let known = self.prepare()?;
+        let run_dir = output_dir::prepare(&self.out)?;
+        let config = self.save_config(&run_dir)?;
+        let plan = RunPlan {
+            graph: self.graph.clone(),
+            common: self.service_arguments(&run_dir),
+            run_dir: run_dir.clone(),
+            quiet: self.common.quiet,
+            stop,
+        };
+        let outcome = run(&plan)?;
+        self.finish(&run_dir, config, known, &outcome)
+    }
+
+    /// Everything that can be found wrong before a process is started: the source, its size, the truth.
+    fn prepare(&mut self) -> Result<Known> {
+        let usage = |e: &dyn std::fmt::Display| UsageError(e.to_string());
+        self.fill_in_from_scene()?;
+        let config = &self.graph.acquisition;
+        let source = open_source(config, 1).map_err(|e| usage(&e))?;
+        let (scans, largest) = (source.scans(), source.largest_scan());
+        if self.graph.graph.max_points == 0 {
+            self.graph.graph.max_points = largest;
+        }
+        check_slots(largest, self.graph.graph.max_points)?;
+        let known = match (&self.truth, config.source) {
+            (Some(file), _) => Known { truth: Some(truth_from(file, scans, config)?), truth_cells: None },
+            (None, SourceKind::Scene) => truth_of_scene(config).map_err(|e| usage(&e))?,
+            (None, SourceKind::Replay) => Known { truth: None, truth_cells: None },
+        };
+        let services = self.graph.services.entries();
+        let names = services.iter().map(|(name, _)| *name).filter(|name| *name != "acquisition");
+        self.graph.acquisition.lockstep_with =
+            if self.graph.graph.lockstep { names.map(str::to_owned).collect() } else { Vec::new() };
+        if self.graph.graph.lockstep && self.graph.acquisition.speed > 0.0 {
+            return Err(UsageError("graph.lockstep and acquisition.speed exclude each other: set one of them".into()).into());
+        }
+        if !self.graph.graph.lockstep && self.graph.acquisition.speed == 0.0 {
+            self.graph.acquisition.speed = 1.0;
+        }
+        if self.graph.services.planning.is_none() {
+            self.graph.recorder.acknowledge_after.retain(|topic| topic != "view_plan");
+        }
+        Ok(known)
+    }
+
+    /// In a scene the scanner's mount and the work area are known.
+    fn fill_in_from_scene(&mut self) -> Result<()> {
+        let config = &self.graph.acquisition;
+        if config.source != SourceKind::Scene {
+            return Ok(());
+        }
+        let scene = scene_of(config).map_err(|e| UsageError(e.to_string()))?;
+        self.graph.analysis.scores.scanner_height_m.get_or_insert(config.scanner.height_m);
+        let (x, y) = (scene.area.x_m, scene.area.y_m);
+        self.graph.planning.view.work_area.get_or_insert(WorkArea { min: [x[0], y[0]], max: [x[1], y[1]] });
+        Ok(())
+    }
+
+    /// Prints the configuration in effect and keeps it with the outputs.
+    fn save_config(&self, run_dir: &Path) -> Result<String> {
+        let text = toml::to_string(&self.graph).context("the configuration cannot be written as TOML")?;
+        let path = run_dir.join(MARK);
+        fs::write(&path, &text).with_context(|| format!("{}: cannot be written", path.display()))?;
+        if !self.common.quiet {
+            println!("# configuration in effect, saved as {}\n{text}", path.display());
+        }
+        Ok(text)
+    }
+
+    fn service_arguments(&self, run_dir: &Path) -> Vec<String> {
+        let path = |p: PathBuf| p.to_string_lossy().into_owned();
+        [
+            "--config",
+            &path(run_dir.join(MARK)),
+            "--out",
+            &path(run_dir.to_path_buf()),
+            "--log-level",
+            &self.common.log_level,
+            "--log-format",
+            self.common.log_format.word(),
+        ]
+        .map(str::to_owned)
+        .to_vec()
+    }
+
+    fn finish(&self, run_dir: &Path, config: String, known: Known, outcome: &RunOutcome) -> Result<u8> {
+        let facts = RunFacts {
+            title: self.title.clone(),
+            truth: known.truth,
+            truth_cells: known.truth_cells,
+            restarts: outcome.restarts,
+            services: outcome.services.clone(),
+            interrupted: outcome.ended == Ended::Interrupted,
+            wall_time: outcome.wall,
+            config,
+        };
+        let written = if self.graph.services.recorder.is_some() {
+            Some(outputs::write_all(run_dir, &facts).context("the outputs cannot be written"))
+        } else {
+            None
+        };
+        // A fault of the graph is the cause; outputs that then cannot be made are only its consequence.
+        if let Ended::Fault(reason) = &outcome.ended {
+            eprintln!("error: {reason}");
+            match written {
+                Some(Err(error)) => tracing::warn!("{error:#}"),
+                _ => eprintln!("what was received before is in {}", run_dir.display()),
+            }
+            return Ok(EXIT_FAILED);
+        }
+        if let Some(summary) = written.transpose()?
+            && !self.common.quiet
+        {
+            print_summary(&summary, run_dir, outcome);
+        }
+        Ok(if outcome.ended == Ended::Interrupted { EXIT_INTERRUPTED } else { EXIT_DONE })
+    }
+}
+
+/// True poses from a file, one per scan of the source.
+fn truth_from(file: &Path, scans: usize, config: &AcquisitionConfig) -> Result<BTreeMap<u32, Pose>> {
+    let poses = read_poses(file).map_err(|e| UsageError(e.to_string()))?;
+    let limited = config.max_scans > 0;
+    if poses.len() != scans && !(limited && poses.len() > scans) {
+        let message = format!("{}: {} true poses for {scans} scans; it needs one line per scan", file.display(), poses.len());
+        return Err(UsageError(message).into());
+    }
+    Ok((0..).zip(poses.iter().take(scans).map(|p| p.map_from_scanner)).collect())
+}
+
+/// The true poses of a scene's tour, and the cells the robot can reach in it.
+fn truth_of_scene(config: &AcquisitionConfig) -> Result<Known> {
+    let poses = true_poses(config)?;
+    let scene = CompiledScene::new(scene_of(config)?)?;
+    let start = scene.scene().start;
+    let cells = reachable_cells(&scene, &ReachConfig::default(), &start)?;
+    let indices = cells.reachable.iter().enumerate().filter(|(_, reachable)| **reachable);
+    let truth_cells = Some(indices.map(|(index, _)| cells.centre(index)).collect());
+    Ok(Known { truth: Some((0..).zip(poses).collect()), truth_cells })
+}
+
+fn print_summary(summary: &Summary, run_dir: &Path, outcome: &RunOutcome) {
+    println!(
+        "{} scans, {} aligned, {} not aligned, {} points, {:.1} s",
+        summary.scans,
+        summary.aligned,
+        summary.unaligned,
+        summary.points,
+        outcome.wall.as_secs_f64()
+    );
+    if let Some(errors) = &summary.errors {
+        println!("error against the truth: {:.3} m, {:.3} deg rmse", errors.ate_rmse_m, errors.ate_rmse_deg);
+    }
+    println!("results: {} (open report.html)", run_dir.display());
+}
