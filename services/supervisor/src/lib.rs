@@ -1,1 +1,3 @@
 //! s
+pub mod explain;
+pub mod outputs;
