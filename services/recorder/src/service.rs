@@ -1,0 +1,234 @@
+//! The recorder's loop: wait, write down everything that is there, acknowledge the scans that are safe.
+
+use std::any::Any;
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use mirador_ipc_schema::messages::{AlignmentMeta, MapMeta, Meta, ServiceHealth};
+use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
+use mirador_ipc_schema::topics::{self, Topic};
+use mirador_ipc_schema::{JoinError, Participant, PortError, ReceiveFailure, Subscriber, Wakeable, for_each_topic};
+
+use crate::foxglove_view::FoxgloveView;
+use crate::ledger::Ledger;
+use crate::recover::recover;
+use crate::{ConfigError, RUN_FILE, ReadError, RecorderConfig, RecoverError, RunReader, RunWriter, WriteError};
+
+/// After a stop the recorder takes what is still there for at most this long.
+const LAST_ORDERS: Duration = Duration::from_secs(5);
+
+/// Why the recorder cannot go on.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// The configuration is wrong.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The domain cannot be joined.
+    #[error(transparent)]
+    Join(#[from] JoinError),
+    /// A topic cannot be opened.
+    #[error(transparent)]
+    Port(#[from] PortError),
+    /// A message cannot be received.
+    #[error(transparent)]
+    Receive(#[from] ReceiveFailure),
+    /// The file cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// The recording of the incarnation before this one cannot be gone on with.
+    #[error(transparent)]
+    Recover(#[from] RecoverError),
+}
+
+/// Records a graph until it is asked to stop.
+///
+/// A fresh run overwrites `run.mcap`; a restarted recorder, or one that finds a recording that was cut off, goes on
+/// with it. To go on with a recording that was ended in order, start with an incarnation above 0.
+///
+/// # Errors
+/// See [`RecorderError`]. The health topic carries the same words.
+pub fn run(setup: &ServiceSetup, config: &RecorderConfig) -> Result<(), RecorderError> {
+    config.validate()?;
+    let participant = setup.join()?;
+    let mut health = HealthReporter::open(&participant, &setup.name)?;
+    let result = record(&participant, setup, config, &mut health);
+    if let Err(error) = &result {
+        health.failed(&participant, &error.to_string());
+    }
+    result
+}
+
+fn record(
+    participant: &Participant,
+    setup: &ServiceSetup,
+    config: &RecorderConfig,
+    health: &mut HealthReporter,
+) -> Result<(), RecorderError> {
+    // Readers first: what is sent while an old recording is being recovered waits in their buffers.
+    let taps = open_taps(participant)?;
+    let ports: Vec<&dyn Wakeable> = taps.iter().map(|tap| tap.port()).collect();
+    let mut recorder = Recorder::open(setup, config, &mut || health.heartbeat(participant))?;
+    health.running(participant);
+    let mut stopped: Option<Instant> = None;
+    loop {
+        if stopped.is_none() {
+            participant.wait(&ports, HEARTBEAT);
+        }
+        let began = Instant::now();
+        let mut received = 0;
+        for tap in &taps {
+            received += tap.drain(&mut recorder)?;
+        }
+        recorder.flush()?;
+        let finished = recorder.ledger.finished();
+        if finished > health.finished_scans() {
+            health.finished(participant, finished, began.elapsed());
+        }
+        health.heartbeat(participant);
+        if participant.stop().is_set() {
+            let since = *stopped.get_or_insert(began);
+            if received == 0 || since.elapsed() > LAST_ORDERS {
+                break;
+            }
+        }
+    }
+    let path = recorder.writer.path().to_owned();
+    let statistics = recorder.writer.finish()?;
+    tracing::info!(path = %path.display(), messages = statistics.messages, bytes = statistics.bytes, "recording ended");
+    Ok(())
+}
+
+/// The recording in progress.
+struct Recorder {
+    writer: RunWriter,
+    ledger: Ledger,
+    view: Option<FoxgloveView>,
+    /// State and count of finished scans of every service, as recorded last.
+    services: BTreeMap<[u8; 32], (u32, u32)>,
+    /// Something was written that a scan waits for.
+    urgent: bool,
+}
+
+impl Recorder {
+    fn open(setup: &ServiceSetup, config: &RecorderConfig, progress: &mut dyn FnMut()) -> Result<Self, RecorderError> {
+        let path = setup.run_dir.join(RUN_FILE);
+        let mut ledger = Ledger::new(config.acknowledged());
+        let writer = if path.exists() && (setup.incarnation > 0 || was_cut_off(&path)) {
+            recover(&path, config, &mut ledger, progress)?
+        } else {
+            RunWriter::create(&path, config)?
+        };
+        let view = config.foxglove.then(|| FoxgloveView::new(config.foxglove_points));
+        Ok(Self { writer, ledger, view, services: BTreeMap::new(), urgent: false })
+    }
+
+    /// Writes a message down, unless it is a repetition or says nothing new.
+    fn take<T: Topic>(&mut self, meta: &T::Meta, items: &[T::Item]) -> Result<(), WriteError> {
+        let topic = T::RULES.name;
+        if !self.says_something_new(topic, bytemuck::cast_slice(items)) || !self.ledger.admit(topic, meta.header()) {
+            return Ok(());
+        }
+        self.writer.record::<T>(meta, items)?;
+        self.urgent |= ["scan", "alignment", "scored_scan", "view_plan"].contains(&topic);
+        match &mut self.view {
+            Some(view) => draw::<T>(view, &mut self.writer, meta, items),
+            None => Ok(()),
+        }
+    }
+
+    /// Health comes many times a second; it is recorded when a service changed its state or finished a scan.
+    fn says_something_new(&mut self, topic: &str, items: &[u8]) -> bool {
+        if topic != topics::ServiceHealth::RULES.name {
+            return true;
+        }
+        let Ok(health) = bytemuck::try_pod_read_unaligned::<ServiceHealth>(items) else { return true };
+        let now = (health.state, health.finished_scans);
+        self.services.insert(health.service, now) != Some(now)
+    }
+
+    /// Makes safe what a scan waits for.
+    fn flush(&mut self) -> Result<(), WriteError> {
+        if std::mem::take(&mut self.urgent) {
+            self.writer.flush()?;
+        }
+        Ok(())
+    }
+}
+
+/// Whether `path` is a recording of ours without an end, or one that ends before anything was recorded.
+fn was_cut_off(path: &std::path::Path) -> bool {
+    match RunReader::open(path) {
+        Ok(reader) => !reader.is_complete(),
+        Err(error) => matches!(error, ReadError::Empty { .. }),
+    }
+}
+
+/// Draws a message in the view.
+fn draw<T: Topic>(
+    view: &mut FoxgloveView,
+    out: &mut RunWriter,
+    meta: &T::Meta,
+    items: &[T::Item],
+) -> Result<(), WriteError> {
+    let header = *meta.header();
+    let any: &dyn Any = meta;
+    // The name decides the type of the items, so none of these casts can fail.
+    match T::RULES.name {
+        "scan" => {
+            if let Ok(points) = bytemuck::try_cast_slice(items) {
+                view.scan(&header, points);
+            }
+            Ok(())
+        }
+        "alignment" => any.downcast_ref::<AlignmentMeta>().map_or(Ok(()), |meta| view.alignment(out, meta)),
+        "pose_corrections" => {
+            bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.corrections(out, &header, items))
+        }
+        "scored_scan" => bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.scored(out, &header, items)),
+        "view_plan" => bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.candidates(out, &header, items)),
+        "path" => bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.path(out, &header, items)),
+        "information_map" => match (any.downcast_ref::<MapMeta>(), bytemuck::try_cast_slice(items)) {
+            (Some(meta), Ok(tiles)) => view.map(out, meta, tiles),
+            _ => Ok(()),
+        },
+        _ => Ok(()),
+    }
+}
+
+/// A topic being listened to.
+trait Tap {
+    fn port(&self) -> &dyn Wakeable;
+    /// Records every message that is there; returns how many there were.
+    fn drain(&self, recorder: &mut Recorder) -> Result<usize, RecorderError>;
+}
+
+impl<T: Topic> Tap for Subscriber<T> {
+    fn port(&self) -> &dyn Wakeable {
+        self
+    }
+
+    fn drain(&self, recorder: &mut Recorder) -> Result<usize, RecorderError> {
+        let mut received = 0;
+        while let Some(message) = self.receive()? {
+            recorder.take::<T>(message.meta(), message.items())?;
+            received += 1;
+        }
+        Ok(received)
+    }
+}
+
+/// Listens to every topic, in the order of the data flow.
+fn open_taps(participant: &Participant) -> Result<Vec<Box<dyn Tap>>, PortError> {
+    let mut taps: Vec<Box<dyn Tap>> = Vec::new();
+    macro_rules! tap {
+        ($topic:ty) => {
+            taps.push(Box::new(participant.subscriber::<$topic>()?));
+        };
+    }
+    for_each_topic!(tap);
+    Ok(taps)
+}
+
+#[cfg(test)]
+#[path = "service_tests.rs"]
+mod tests;

@@ -1,0 +1,234 @@
+//! `mirador explain`: why every decision of a run was taken, from its recording.
+
+use std::collections::BTreeMap;
+use std::io::Write;
+use std::path::Path;
+
+use anyhow::Context;
+use mirador_core::geometry::{Pose, pose_from_rows};
+use mirador_ipc_schema::messages::{
+    ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, AlignmentMeta, CANDIDATE_OPEN, CandidateView, DECISION_STOP, Hypothesis,
+    ViewPlanMeta,
+};
+use mirador_ipc_schema::{text, topics};
+use mirador_recorder::{RUN_FILE, RunReader};
+
+/// Prints how every scan was aligned and what was decided after it; only for `scan` when one is given.
+///
+/// # Errors
+/// When `run_dir` holds no readable recording or the recording no such scan, and when `out` cannot be written.
+pub fn explain(run_dir: &Path, scan: Option<u32>, out: &mut dyn Write) -> anyhow::Result<()> {
+    let path = run_dir.join(RUN_FILE);
+    anyhow::ensure!(
+        path.is_file(),
+        "'{}' has no {RUN_FILE}: name the output folder of a run, such as ./mirador-out",
+        run_dir.display()
+    );
+    let mut reader = RunReader::open(&path)?;
+    let mut scans = reader.scan_index();
+    scans.sort_unstable();
+    scans.dedup();
+    if let Some(wanted) = scan {
+        if !scans.contains(&wanted) {
+            return Err(reader.no_scan(wanted).into());
+        }
+        scans = vec![wanted];
+    }
+    if !reader.is_complete() {
+        writeln!(out, "The recording was cut off; this is what was saved of it.\n")?;
+    }
+    let (mut hypotheses, mut candidates) = (Vec::new(), Vec::new());
+    for scan in scans {
+        writeln!(out, "Scan {scan}")?;
+        let alignment = reader.read_about::<topics::Alignment>(scan, &mut hypotheses)?;
+        explain_alignment(alignment.as_ref(), &hypotheses, out).context("cannot print the explanation")?;
+        let plan = reader.read_about::<topics::ViewPlan>(scan, &mut candidates)?;
+        explain_plan(plan.as_ref(), &candidates, out).context("cannot print the explanation")?;
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+fn explain_alignment(
+    alignment: Option<&AlignmentMeta>,
+    hypotheses: &[Hypothesis],
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
+    let Some(a) = alignment else { return writeln!(out, "  Alignment: none was recorded") };
+    let method = text::unpack(&a.method);
+    match a.status {
+        ALIGNMENT_FIRST => writeln!(out, "  Alignment: the first scan, it defines the map")?,
+        ALIGNMENT_ACCEPTED => writeln!(
+            out,
+            "  Alignment: accepted against scan {} by {method}: overlap {:.3}, residual {:.2} mm, {} iterations, {}",
+            a.target_scan,
+            a.overlap,
+            1e3 * a.residual_m,
+            a.iterations,
+            constrained(a.constrained)
+        )?,
+        _ => writeln!(out, "  Alignment: NOT ALIGNED by {method}: {}", text::unpack(&a.reason))?,
+    }
+    let prior = if a.has_prior == 1 { place(&a.prior) } else { "none".to_owned() };
+    writeln!(out, "    prior: {prior}")?;
+    writeln!(out, "    pose:  {}", place(&a.map_from_scanner))?;
+    for (k, h) in hypotheses.iter().enumerate() {
+        let verdict = if h.accepted == 1 { "accepted" } else { text::unpack(&h.reason) };
+        writeln!(
+            out,
+            "    hypothesis {k} from {}: overlap {:.3}, residual {:.2} mm, {} iterations: {verdict}",
+            text::unpack(&h.origin),
+            h.overlap,
+            1e3 * h.residual_m,
+            h.iterations
+        )?;
+        writeln!(out, "      start {}", place(&h.start))?;
+        writeln!(out, "      found {}", place(&h.found))?;
+    }
+    Ok(())
+}
+
+/// Which directions the geometry holds, in words.
+fn constrained(bits: u32) -> String {
+    const NAMES: [&str; 6] = ["x", "y", "z", "rotation about x", "rotation about y", "rotation about z"];
+    let free: Vec<_> = (0..).zip(NAMES).filter(|(k, _)| bits >> k & 1 == 0).map(|(_, name)| name).collect();
+    if free.is_empty() { "all directions constrained".into() } else { format!("not constrained: {}", free.join(", ")) }
+}
+
+/// A pose in one line: position and yaw, pitch, roll.
+fn place(rows: &[f64; 16]) -> String {
+    let Some(pose): Option<Pose> = pose_from_rows(rows) else { return "not a pose".to_owned() };
+    let t = pose.translation;
+    let (roll, pitch, yaw) = pose.rotation.euler_angles();
+    format!(
+        "({:.3}, {:.3}, {:.3}) m, yaw {:.2}° pitch {:.2}° roll {:.2}°",
+        t.x,
+        t.y,
+        t.z,
+        yaw.to_degrees(),
+        pitch.to_degrees(),
+        roll.to_degrees()
+    )
+}
+
+fn explain_plan(plan: Option<&ViewPlanMeta>, candidates: &[CandidateView], out: &mut dyn Write) -> std::io::Result<()> {
+    let Some(p) = plan else { return writeln!(out, "  Plan: none was recorded") };
+    writeln!(
+        out,
+        "  Plan: strategy {} on map revision {}: {} known cells, {} navigable, mean quality {:.3} of {:.3} asked for, {} zones",
+        text::unpack(&p.strategy),
+        p.map_revision,
+        p.cells_known,
+        p.cells_navigable,
+        p.mean_quality,
+        p.quality_asked,
+        p.zones
+    )?;
+    let [a, q, o, c] = p.weights;
+    writeln!(out, "    weights: A {a}, Q {q}, O {o}, C {c}; stops below utility {}", p.utility_threshold)?;
+    valued(p, candidates, out)?;
+    rejected(candidates, out)?;
+    let (code, words) = (text::unpack(&p.reason_code), text::unpack(&p.reason));
+    let chosen = usize::try_from(p.chosen).ok().and_then(|k| candidates.get(k));
+    match (p.decision, chosen) {
+        (DECISION_STOP, _) => writeln!(out, "    STOP: {words} ({code})"),
+        (_, Some(view)) => writeln!(
+            out,
+            "    GO to candidate {} at ({:.2}, {:.2}), {:.2} m away on the path: {words} ({code})",
+            p.chosen, view.position[0], view.position[1], p.path_length_m
+        ),
+        (_, None) => writeln!(out, "    no candidate chosen: {words} ({code})"),
+    }
+}
+
+/// The candidates that were valued, best first.
+fn valued(plan: &ViewPlanMeta, candidates: &[CandidateView], out: &mut dyn Write) -> std::io::Result<()> {
+    let mut open: Vec<_> = candidates.iter().enumerate().filter(|(_, v)| v.status == CANDIDATE_OPEN).collect();
+    open.sort_by(|(i, a), (k, b)| b.utility.total_cmp(&a.utility).then(i.cmp(k)));
+    if open.is_empty() {
+        return writeln!(out, "    no candidate was valued");
+    }
+    writeln!(
+        out,
+        "    {:>9} {:>18} {:>7} {:>7} {:>7} {:>8} {:>8} {:>10}",
+        "candidate", "position [m]", "A", "Q", "O", "C", "u", "unexplored"
+    )?;
+    for (k, v) in open {
+        let mark = if u32::try_from(k) == Ok(plan.chosen) { '>' } else { ' ' };
+        let position = format!("({:.2}, {:.2})", v.position[0], v.position[1]);
+        writeln!(
+            out,
+            "  {mark} {k:>9} {position:>18} {:>7.3} {:>7.3} {:>7.3} {:>8.3} {:>8.4} {:>10}",
+            v.information, v.quality, v.zones, v.cost, v.utility, v.unexplored_cells
+        )?;
+    }
+    Ok(())
+}
+
+/// The candidates that were not valued, by reason.
+fn rejected(candidates: &[CandidateView], out: &mut dyn Write) -> std::io::Result<()> {
+    let mut reasons: BTreeMap<(u32, &str), Vec<usize>> = BTreeMap::new();
+    for (k, view) in candidates.iter().enumerate().filter(|(_, v)| v.status != CANDIDATE_OPEN) {
+        reasons.entry((view.status, text::unpack(&view.reason))).or_default().push(k);
+    }
+    for ((_, reason), which) in reasons {
+        // A few numbers are enough to look them up; thousands of them explain nothing.
+        let mut shown: Vec<String> = which.iter().take(8).map(usize::to_string).collect();
+        if which.len() > shown.len() {
+            shown.push("...".to_owned());
+        }
+        writeln!(out, "    rejected, {reason}: {} ({})", which.len(), shown.join(", "))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::outputs::testing::record_run;
+
+    fn explained(scan: Option<u32>) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        record_run(folder.path());
+        let mut out = Vec::new();
+        explain(folder.path(), scan, &mut out).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn the_chosen_candidate_is_marked_and_the_best_comes_first() {
+        let text = explained(Some(0));
+        let rows: Vec<_> = text.lines().filter(|l| l.contains("(3.10, 4.00)") || l.contains("(-1.00, 2.00)")).collect();
+        assert!(rows[0].starts_with("  >         1") && rows[0].contains("0.9000"), "{text}");
+        assert!(rows[1].starts_with("            0") && rows[1].contains("0.2000"), "{text}");
+        assert!(text.contains("GO to candidate 1 at (3.10, 4.00), 5.50 m away"), "{text}");
+        assert!(text.contains("rejected, too near: 1 (2)"), "{text}");
+        assert!(!text.contains("Scan 1"), "{text}");
+    }
+
+    #[test]
+    fn a_stop_and_a_failed_alignment_are_told_in_words() {
+        let text = explained(None);
+        assert!(text.contains("Scan 0") && text.contains("Scan 1") && text.contains("Scan 2"));
+        assert!(text.contains("the first scan, it defines the map"));
+        assert!(text.contains("NOT ALIGNED by icp: overlap 0.10 is below 0.30"), "{text}");
+        assert!(text.contains("STOP: the model is good enough (done)"), "{text}");
+        assert!(text.contains("hypothesis 0 from prior: overlap 0.100"), "{text}");
+        assert!(text.contains("not constrained: z, rotation about x"), "{text}");
+    }
+
+    #[test]
+    fn a_folder_without_a_recording_is_an_error_that_says_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = explain(folder.path(), None, &mut Vec::new()).unwrap_err().to_string();
+        assert!(error.contains("has no run.mcap") && error.contains("output folder"), "{error}");
+    }
+
+    #[test]
+    fn a_scan_that_does_not_exist_is_an_error_that_names_those_that_do() {
+        let folder = tempfile::tempdir().unwrap();
+        record_run(folder.path());
+        let error = explain(folder.path(), Some(9), &mut Vec::new()).unwrap_err().to_string();
+        assert!(error.contains("no scan 9") && error.contains("3 scans from 0 to 2"), "{error}");
+    }
+}

@@ -1,0 +1,53 @@
+//! What the supervisor knows of a run beyond its recording.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use mirador_core::geometry::Pose;
+use serde::Serialize;
+
+/// What one service did in a run, added up over its restarts.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct ServiceTotals {
+    /// Name of the service.
+    pub name: String,
+    /// How often it was started again.
+    pub restarts: u32,
+    /// Largest resident memory [bytes].
+    pub resident_bytes: u64,
+    /// CPU time [ns].
+    pub cpu_ns: u64,
+    /// Payload bytes copied out of or into shared memory through its ports.
+    pub copied_payload_bytes: u64,
+    /// Messages it saw to be missing.
+    pub lost_messages: u64,
+    /// Messages it could not deliver.
+    pub undelivered_messages: u64,
+    /// Messages it sent.
+    pub sent_messages: u64,
+    /// Messages it received.
+    pub received_messages: u64,
+}
+
+/// What the supervisor knows of a run beyond its recording.
+#[derive(Debug, Clone, Default)]
+pub struct RunFacts {
+    /// Heading of the report.
+    pub title: String,
+    /// True poses `world_from_scanner`, under the scan's `source_index` (its place in the folder or scene); `None`
+    /// when there is no truth.
+    pub truth: Option<BTreeMap<u32, Pose>>,
+    /// Centres of the cells that the robot can reach, in the frame of the true poses (the map's own without them) [m];
+    /// `None` when unknown.
+    pub truth_cells: Option<Vec<[f64; 2]>>,
+    /// Restarts of all services together.
+    pub restarts: u32,
+    /// Every service.
+    pub services: Vec<ServiceTotals>,
+    /// The user ended the run.
+    pub interrupted: bool,
+    /// Duration of the run.
+    pub wall_time: Duration,
+    /// The configuration as used, TOML.
+    pub config: String,
+}

@@ -1,0 +1,88 @@
+//! The outputs of a run: `summary.json`, `trajectory.tum`, `model.ply`, `map.png` and `report.html`, all made from
+//! `run.mcap` and what the supervisor knows beside it.
+
+mod canvas;
+mod facts;
+mod latency;
+mod map_image;
+mod model;
+mod plots;
+mod report;
+mod run_data;
+mod summary;
+mod trajectory;
+
+#[cfg(test)]
+pub(crate) mod testing;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use mirador_recorder::{RUN_FILE, ReadError, RunReader};
+
+pub use facts::{RunFacts, ServiceTotals};
+pub use latency::{Quantiles, STAGES, Stage};
+pub use run_data::{FinalMap, RunData, ScanRecord, SourceEnd};
+pub use summary::{Errors, PoseSummary, Summary};
+
+/// Why an output cannot be made.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The recording cannot be read.
+    #[error(transparent)]
+    Read(#[from] ReadError),
+    /// A file cannot be written.
+    #[error("cannot write '{path}': {source}")]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// What the system said.
+        source: io::Error,
+    },
+    /// A picture or plot cannot be drawn.
+    #[error("cannot draw {what}: {reason}")]
+    Draw {
+        /// What was to be drawn.
+        what: &'static str,
+        /// What the library said.
+        reason: String,
+    },
+}
+
+/// Makes all outputs of the run in `run_dir` and returns its figures.
+///
+/// # Errors
+/// See [`OutputError`]. The outputs made before the error stay.
+pub fn write_all(run_dir: &Path, facts: &RunFacts) -> Result<Summary, OutputError> {
+    let mut reader = RunReader::open(&run_dir.join(RUN_FILE))?;
+    let data = RunData::read(&mut reader)?;
+    let summary = Summary::of(&data, facts);
+    // A summary of numbers and texts always has a JSON form; a writer in memory cannot fail either.
+    let json = serde_json::to_vec_pretty(&summary)
+        .map_err(|e| OutputError::Draw { what: "summary.json", reason: e.to_string() })?;
+    put(run_dir, "summary.json", &json)?;
+    let mut tum = Vec::new();
+    let path = run_dir.join("trajectory.tum");
+    trajectory::write_tum(&data, &mut tum).map_err(|source| OutputError::Write { path, source })?;
+    put(run_dir, "trajectory.tum", &tum)?;
+    let map = map_image::draw(&data).png()?;
+    put(run_dir, "map.png", &map)?;
+    let report = report::render(&data, facts, &summary, &map)?;
+    put(run_dir, "report.html", report.as_bytes())?;
+    model::write_model(&mut reader, &data, &run_dir.join("model.ply"))?;
+    Ok(summary)
+}
+
+fn put(run_dir: &Path, name: &str, bytes: &[u8]) -> Result<(), OutputError> {
+    let path = run_dir.join(name);
+    fs::write(&path, bytes).map_err(|source| OutputError::Write { path, source })
+}
+
+/// A text for one line of a file.
+fn one_line(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,219 @@
+//! `summary.json`: all figures of a run under stable keys; what cannot be known is null.
+
+use std::collections::BTreeMap;
+
+use mirador_core::geometry::{Pose, rotation_angle, rows_from_pose};
+use mirador_ipc_schema::messages::{DECISION_STOP, ViewPlanMeta};
+use mirador_ipc_schema::text;
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::facts::{RunFacts, ServiceTotals};
+use super::latency::{Quantiles, STAGES};
+use super::run_data::{RunData, SourceEnd};
+
+/// All figures of a run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Summary {
+    /// Heading of the report.
+    pub title: String,
+    /// Scans recorded.
+    pub scans: usize,
+    /// Scans with a place in the map.
+    pub aligned: usize,
+    /// Scans without.
+    pub unaligned: usize,
+    /// Points with a return, all scans.
+    pub points: u64,
+    /// Short name of why the run ended.
+    pub stop_reason: Option<String>,
+    /// The same in words.
+    pub stop_reason_text: Option<String>,
+    /// Share of the cells the robot can reach that are known, in [0, 1].
+    pub coverage: Option<f64>,
+    /// Mean quality of the known cells, in [0, 1].
+    pub quality: Option<f64>,
+    /// Distance driven [m].
+    pub distance_m: f64,
+    /// Known cells of the map.
+    pub cells_known: Option<u32>,
+    /// Side of a cell [m].
+    pub cell_m: Option<f64>,
+    /// The pose of every scan.
+    pub poses: Vec<PoseSummary>,
+    /// Errors against the truth.
+    pub errors: Option<Errors>,
+    /// Latency of every stage and from scan to plan [ms].
+    pub latency_ms: BTreeMap<&'static str, Quantiles>,
+    /// Payload bytes copied by all services.
+    pub copied_payload_bytes: u64,
+    /// Messages lost by all services.
+    pub lost_messages: u64,
+    /// Messages that all services could not deliver.
+    pub undelivered_messages: u64,
+    /// Restarts of all services.
+    pub restarts: u32,
+    /// The user ended the run.
+    pub interrupted: bool,
+    /// Whether the recording was ended in order.
+    pub recording_complete: bool,
+    /// Duration of the run [s].
+    pub wall_time_s: f64,
+    /// Every service.
+    pub services: Vec<ServiceTotals>,
+}
+
+/// The pose of one scan.
+#[derive(Debug, Clone, Serialize)]
+pub struct PoseSummary {
+    /// Number of the scan.
+    pub scan: u32,
+    /// Place in the folder or scene it came from.
+    pub source_index: u32,
+    /// Time of the sensor [ns].
+    pub stamp_ns: i64,
+    /// Row-major 4x4; null when there is none.
+    pub map_from_scanner: Option<[f64; 16]>,
+    /// `first`, `accepted`, `rejected` or `missing`.
+    pub status: &'static str,
+    /// Why it is not aligned; null when it is.
+    pub reason: Option<String>,
+    /// Whether the pose was corrected after its alignment.
+    pub corrected: bool,
+    /// Share of points with a partner, in [0, 1].
+    pub overlap: Option<f64>,
+    /// Root mean square residual [m].
+    pub residual_m: Option<f64>,
+}
+
+/// Absolute trajectory error of the aligned scans, the first of them laid on its true pose.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Errors {
+    /// Root mean square of the translation errors [m].
+    pub ate_rmse_m: f64,
+    /// Root mean square of the rotation errors [degrees].
+    pub ate_rmse_deg: f64,
+    /// Largest translation error [m].
+    pub max_m: f64,
+    /// Scans compared.
+    pub n: usize,
+}
+
+impl Summary {
+    /// Adds up a run.
+    #[must_use]
+    pub fn of(data: &RunData, facts: &RunFacts) -> Self {
+        let aligned = data.scans.iter().filter(|s| s.is_aligned()).count();
+        let (stop_reason, stop_reason_text) = stop_reason(data, facts).unzip();
+        let total = |of: fn(&ServiceTotals) -> u64| facts.services.iter().map(of).sum();
+        let has_map = !data.map.tiles.is_empty();
+        Self {
+            title: facts.title.clone(),
+            scans: data.scans.len(),
+            aligned,
+            unaligned: data.scans.len() - aligned,
+            points: data.scans.iter().map(|s| u64::from(s.scan.returns)).sum(),
+            stop_reason,
+            stop_reason_text,
+            coverage: coverage(data, facts),
+            quality: quality(data),
+            distance_m: data.distance_m(),
+            cells_known: has_map.then_some(data.map.cells_known),
+            cell_m: has_map.then_some(data.map.cell_m),
+            poses: poses(data),
+            errors: errors(data, facts),
+            latency_ms: STAGES.iter().map(|stage| (stage.name, stage.quantiles(data))).collect(),
+            copied_payload_bytes: total(|s| s.copied_payload_bytes),
+            lost_messages: total(|s| s.lost_messages),
+            undelivered_messages: total(|s| s.undelivered_messages),
+            restarts: facts.restarts,
+            interrupted: facts.interrupted,
+            recording_complete: data.complete,
+            wall_time_s: facts.wall_time.as_secs_f64(),
+            services: facts.services.clone(),
+        }
+    }
+}
+
+/// Short name and words of why the run ended: the decision to stop comes before what ended the run around it.
+fn stop_reason(data: &RunData, facts: &RunFacts) -> Option<(String, String)> {
+    let words = |plan: &ViewPlanMeta| (text::unpack(&plan.reason_code).into(), text::unpack(&plan.reason).into());
+    match &data.last_plan {
+        Some((plan, _)) if plan.decision == DECISION_STOP => return Some(words(plan)),
+        _ => {}
+    }
+    let said = |code: &str, words: &str| Some((code.to_owned(), words.to_owned()));
+    if facts.interrupted {
+        return said("interrupted", "the user ended the run");
+    }
+    match data.source {
+        SourceEnd::Ended => said("input_ended", "all scans of the source were processed"),
+        SourceEnd::Fault => said("fault", "the source of the scans could not go on"),
+        SourceEnd::Open => None,
+    }
+}
+
+fn quality(data: &RunData) -> Option<f64> {
+    if !data.map.tiles.is_empty() {
+        return Some(data.map.mean_quality);
+    }
+    data.last_plan.as_ref().map(|(plan, _)| plan.mean_quality)
+}
+
+fn poses(data: &RunData) -> Vec<PoseSummary> {
+    let of = |s: &super::run_data::ScanRecord| PoseSummary {
+        scan: s.number(),
+        source_index: s.scan.source_index,
+        stamp_ns: s.scan.header.stamp_ns,
+        map_from_scanner: s.pose().as_ref().map(rows_from_pose),
+        status: s.status(),
+        reason: s.reason(),
+        corrected: s.corrected.is_some(),
+        overlap: s.alignment.map(|a| a.overlap),
+        residual_m: s.alignment.map(|a| a.residual_m),
+    };
+    data.scans.iter().map(of).collect()
+}
+
+/// Estimate and truth of every aligned scan that has both.
+fn compared(data: &RunData, facts: &RunFacts) -> Vec<(Pose, Pose)> {
+    let Some(truth) = &facts.truth else { return Vec::new() };
+    let aligned = data.scans.iter().filter(|s| s.is_aligned());
+    aligned.filter_map(|s| Some((s.pose()?, *truth.get(&s.scan.source_index)?))).collect()
+}
+
+/// The absolute trajectory error, with the first pose laid on its truth.
+fn errors(data: &RunData, facts: &RunFacts) -> Option<Errors> {
+    let compared = compared(data, facts);
+    let (map_from_first, world_from_first) = compared.first()?;
+    let map_from_world = map_from_first * world_from_first.inverse();
+    let (mut square_m, mut square_deg, mut max_m) = (0.0, 0.0, 0.0_f64);
+    for (map_from_scanner, world_from_scanner) in &compared {
+        let error = (map_from_world * world_from_scanner).inverse() * map_from_scanner;
+        let metres = error.translation.vector.norm();
+        square_m += metres * metres;
+        square_deg += rotation_angle(&error).to_degrees().powi(2);
+        max_m = max_m.max(metres);
+    }
+    let n = compared.len();
+    let root = |square: f64| (square / n as f64).sqrt();
+    Some(Errors { ate_rmse_m: root(square_m), ate_rmse_deg: root(square_deg), max_m, n })
+}
+
+/// Share of the reachable cells whose centre lies in a known cell of the map.
+fn coverage(data: &RunData, facts: &RunFacts) -> Option<f64> {
+    let cells = facts.truth_cells.as_ref().filter(|cells| !cells.is_empty())?;
+    let map_from_world = match &facts.truth {
+        Some(_) => {
+            let compared = compared(data, facts);
+            let (map_from_first, world_from_first) = compared.first()?;
+            map_from_first * world_from_first.inverse()
+        }
+        None => Pose::identity(),
+    };
+    let is_known = |[x, y]: &&[f64; 2]| {
+        let p = map_from_world * Point3::new(*x, *y, 0.0);
+        data.map.at(p.x, p.y).is_some()
+    };
+    Some(cells.iter().filter(is_known).count() as f64 / cells.len() as f64)
+}
