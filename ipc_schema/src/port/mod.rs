@@ -17,3 +17,6 @@ pub use publisher::{Loan, LoanError, PublishError, Publisher, SendFailure};
 pub use stop::StopSignal;
 pub use subscriber::{ReceiveFailure, Received, Subscriber};
 pub use wait::Wakeable;
+
+#[cfg(test)]
+mod tests;

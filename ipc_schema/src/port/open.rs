@@ -68,6 +68,13 @@ fn schema_hash<T: Topic>() -> String {
     format!("{:016x}", layout::hash(&describe::<T>()))
 }
 
+/// The alignment of the slices: as large as the items allow, at most a cache line. iceoryx2 rounds the size of every
+/// item up to it, so anything larger would make the slots several times too large.
+fn item_alignment<T: Topic>() -> Alignment {
+    let largest = 1 << size_of::<T::Item>().trailing_zeros().min(6);
+    Alignment::new(largest).unwrap_or(Alignment::ALIGN_1)
+}
+
 pub(super) fn pub_sub<T: Topic>(node: &Node<ipc::Service>, domain: &Domain) -> Result<PubSub<T>, PortError> {
     let rules = T::RULES;
     let other = |reason: String| PortError::Other { topic: rules.name, reason };
@@ -82,7 +89,7 @@ pub(super) fn pub_sub<T: Topic>(node: &Node<ipc::Service>, domain: &Domain) -> R
     node.service_builder(&name)
         .publish_subscribe::<[T::Item]>()
         .user_header::<T::Meta>()
-        .payload_alignment(Alignment::ALIGN_64)
+        .payload_alignment(item_alignment::<T>())
         .max_publishers(rules.publishers)
         .max_subscribers(rules.subscribers)
         .max_nodes(MAX_NODES)

@@ -116,7 +116,12 @@ impl AcquisitionConfig {
                 "greater than acquisition.range_min_m",
             ),
             ("odometry_noise", self.odometry_noise, (0.0..=1.0).contains(&self.odometry_noise), "0 to 1"),
-            ("odometry_noise_deg", self.odometry_noise_deg, (0.0..=180.0).contains(&self.odometry_noise_deg), "0 to 180"),
+            (
+                "odometry_noise_deg",
+                self.odometry_noise_deg,
+                (0.0..=180.0).contains(&self.odometry_noise_deg),
+                "0 to 180",
+            ),
             ("rounds", f64::from(self.rounds), (1..=10_000).contains(&self.rounds), "1 to 10000"),
             ("speed", self.speed, (0.0..=1e6).contains(&self.speed), "0 (lockstep) to 1000000"),
         ];

@@ -29,8 +29,7 @@ pub(crate) fn empty_no_returns(points: &mut [Point], range_min_m: f32, range_max
 
 fn no_return_code(points: &[Point]) -> Option<f32> {
     let farthest = points.iter().filter(|p| p.is_return()).map(Point::range).fold(0.0, f32::max);
-    let at_farthest =
-        points.iter().filter(|p| p.is_return() && p.range() >= farthest - CODE_TOLERANCE_M).count();
+    let at_farthest = points.iter().filter(|p| p.is_return() && p.range() >= farthest - CODE_TOLERANCE_M).count();
     let needed = CODE_COUNT.max((points.len() as f64 * CODE_SHARE) as usize);
     (at_farthest >= needed).then_some(farthest)
 }
@@ -40,10 +39,12 @@ mod tests {
     use super::*;
 
     fn circle(radius: f32, n: usize) -> Vec<Point> {
-        (0..n).map(|i| {
-            let angle = i as f32;
-            Point::new(radius * angle.cos(), radius * angle.sin(), 0.0)
-        }).collect()
+        (0..n)
+            .map(|i| {
+                let angle = i as f32;
+                Point::new(radius * angle.cos(), radius * angle.sin(), 0.0)
+            })
+            .collect()
     }
 
     #[test]
@@ -63,7 +64,8 @@ mod tests {
 
     #[test]
     fn returns_outside_the_limits_are_emptied() {
-        let mut points = vec![Point::new(0.1, 0.0, 0.0), Point::new(2.0, 0.0, 0.0), Point::new(60.0, 0.0, 0.0), Point::EMPTY];
+        let mut points =
+            vec![Point::new(0.1, 0.0, 0.0), Point::new(2.0, 0.0, 0.0), Point::new(60.0, 0.0, 0.0), Point::EMPTY];
         assert_eq!(empty_no_returns(&mut points, 0.25, 50.0, true), 2);
         assert!(points[1].is_return());
     }

@@ -12,9 +12,9 @@ use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, clock, text, topics};
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint};
 
+use crate::AcquisitionConfig;
 use crate::no_return::empty_no_returns;
 use crate::source::{ScanInfo, Source, SourceError, open_source};
-use crate::AcquisitionConfig;
 
 /// Delivers the scans of the configured source until the last one is finished and the process is stopped.
 ///

@@ -141,8 +141,7 @@ fn saved_state(setup: &ServiceSetup) -> Result<Checkpoint, ServiceError> {
     }
     let path = setup.state_file();
     let Some(content) = checkpoint::load(&path)? else { return Ok(Checkpoint::default()) };
-    serde_json::from_slice(&content)
-        .map_err(|e| CheckpointError::Invalid { path, reason: e.to_string() }.into())
+    serde_json::from_slice(&content).map_err(|e| CheckpointError::Invalid { path, reason: e.to_string() }.into())
 }
 
 fn save_state(setup: &ServiceSetup, finished_scans: u32, aligner: &AlignerState) -> Result<(), ServiceError> {

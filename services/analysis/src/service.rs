@@ -152,9 +152,7 @@ impl Analysis {
             .scorer
             .score(scan, surface, level_from_scanner, ground, &self.config.scores, view::scores_mut(loan.items_mut()))
             .map_err(|e| work(e.to_string()))?;
-        self.finder
-            .find(surface, scan, &self.config.zones, &mut self.found_zones)
-            .map_err(|e| work(e.to_string()))?;
+        self.finder.find(surface, scan, &self.config.zones, &mut self.found_zones).map_err(|e| work(e.to_string()))?;
         let header = Header::about(current.scan.header(), current.began_ns);
         *loan.meta_mut() = ScoredScanMeta {
             header,

@@ -40,9 +40,8 @@ pub(crate) fn plan_meta(plan: &ViewPlan) -> ViewPlanMeta {
 
 /// Length of a path [m].
 pub(crate) fn length(path: &[[f64; 3]]) -> f64 {
-    let distance = |a: &[f64; 3], b: &[f64; 3]| {
-        ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt()
-    };
+    let distance =
+        |a: &[f64; 3], b: &[f64; 3]| ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt();
     path.iter().zip(path.iter().skip(1)).map(|(a, b)| distance(a, b)).sum()
 }
 

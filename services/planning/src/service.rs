@@ -223,9 +223,7 @@ impl<'a> Planning<'a> {
 
     fn update_map(&mut self, step: &Step, map_from_scanner: &Pose) -> Result<(), String> {
         let scan = view::scan(step.scan.meta(), step.scan.items());
-        self.map
-            .insert(scan, view::scores(step.scores.items()), map_from_scanner)
-            .map_err(|e| e.to_string())?;
+        self.map.insert(scan, view::scores(step.scores.items()), map_from_scanner).map_err(|e| e.to_string())?;
         let scanner = Point3::from(map_from_scanner.translation.vector);
         self.map.update_zones(&step.zones, &scanner, &self.config.zones);
         Ok(())

@@ -109,7 +109,8 @@ fn the_odometry_of_a_scene_drifts_and_begins_at_the_truth() {
     let config = AcquisitionConfig { odometry_noise: 0.05, ..small_scene() };
     let truth = super::true_poses(&config).unwrap();
     let source = open_source(&config, 1).unwrap();
-    let error = |i: usize| (source.info(i).unwrap().prior.unwrap().translation.vector - truth[i].translation.vector).norm();
+    let error =
+        |i: usize| (source.info(i).unwrap().prior.unwrap().translation.vector - truth[i].translation.vector).norm();
     assert!(error(0) < 1e-12);
     assert!(error(2) > 0.01 && error(2) < 5.0);
 }

@@ -88,7 +88,9 @@ pub enum SourceError {
         scans: usize,
     },
     /// The grid does not fit the number of points.
-    #[error("{path}: {points} points do not fill the grid {rows}x{cols} = {cells}; give the right --grid ROWSxCOLS, or none")]
+    #[error(
+        "{path}: {points} points do not fill the grid {rows}x{cols} = {cells}; give the right --grid ROWSxCOLS, or none"
+    )]
     GridMismatch {
         /// The scan file.
         path: PathBuf,

@@ -53,9 +53,9 @@ impl SceneSource {
             let order: Box<dyn Iterator<Item = _>> =
                 if round % 2 == 0 { Box::new(tour.iter()) } else { Box::new(tour.iter().rev()) };
             for pose in order {
-                let pose = scene
-                    .leaning_scanner_pose(pose, config.scanner.height_m, STANCE_M)
-                    .ok_or_else(|| SourceError::Scene(format!("{}: pose ({}, {}) is not on the terrain", config.scene, pose.x, pose.y)))?;
+                let pose = scene.leaning_scanner_pose(pose, config.scanner.height_m, STANCE_M).ok_or_else(|| {
+                    SourceError::Scene(format!("{}: pose ({}, {}) is not on the terrain", config.scene, pose.x, pose.y))
+                })?;
                 truth.push(pose);
             }
         }

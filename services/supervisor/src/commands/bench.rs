@@ -24,7 +24,8 @@ pub fn ipc(json: Option<&Path>, messages: Option<usize>, pace_ms: Option<f64>) -
     }
     if let Some(ms) = pace_ms {
         let pace = Duration::try_from_secs_f64(ms / 1e3);
-        options.pace = pace.map_err(|_| UsageError(format!("--pace-ms {ms}: give a time of 0 or more milliseconds")))?;
+        options.pace =
+            pace.map_err(|_| UsageError(format!("--pace-ms {ms}: give a time of 0 or more milliseconds")))?;
     }
     let report = run(&options)?;
     report.print_table(&mut std::io::stdout().lock())?;

@@ -91,7 +91,9 @@ impl Session<'_> {
         self.graph.acquisition.lockstep_with =
             if self.graph.graph.lockstep { names.map(str::to_owned).collect() } else { Vec::new() };
         if self.graph.graph.lockstep && self.graph.acquisition.speed > 0.0 {
-            return Err(UsageError("graph.lockstep and acquisition.speed exclude each other: set one of them".into()).into());
+            return Err(
+                UsageError("graph.lockstep and acquisition.speed exclude each other: set one of them".into()).into()
+            );
         }
         if !self.graph.graph.lockstep && self.graph.acquisition.speed == 0.0 {
             self.graph.acquisition.speed = 1.0;
@@ -181,7 +183,8 @@ fn truth_from(file: &Path, scans: usize, config: &AcquisitionConfig) -> Result<B
     let poses = read_poses(file).map_err(|e| UsageError(e.to_string()))?;
     let limited = config.max_scans > 0;
     if poses.len() != scans && !(limited && poses.len() > scans) {
-        let message = format!("{}: {} true poses for {scans} scans; it needs one line per scan", file.display(), poses.len());
+        let message =
+            format!("{}: {} true poses for {scans} scans; it needs one line per scan", file.display(), poses.len());
         return Err(UsageError(message).into());
     }
     Ok((0..).zip(poses.iter().take(scans).map(|p| p.map_from_scanner)).collect())

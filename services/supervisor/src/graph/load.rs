@@ -68,7 +68,8 @@ pub fn load_text(text: &str, file: &str, settings: &[String], registry: &Registr
     // The file alone first, so that its errors carry its own lines.
     let mut graph = parse(text, file)?;
     if !settings.is_empty() {
-        let mut document: DocumentMut = text.parse().map_err(|e: toml_edit::TomlError| invalid(text, file, e.span(), e.message()))?;
+        let mut document: DocumentMut =
+            text.parse().map_err(|e: toml_edit::TomlError| invalid(text, file, e.span(), e.message()))?;
         for setting in settings {
             overrides::apply(&mut document, setting).map_err(GraphError::Override)?;
         }
@@ -99,18 +100,25 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
         Err(GraphError::Value { file: file.into(), line: find_line(text, key), key: key.into(), message })
     };
     if graph.config_version != 1 {
-        return fail("config_version", format!("{} is not known to this version of mirador; write 1", graph.config_version));
+        return fail(
+            "config_version",
+            format!("{} is not known to this version of mirador; write 1", graph.config_version),
+        );
     }
     if let Err(error) = mirador_ipc_schema::Domain::new(&graph.graph.domain) {
         return fail("graph.domain", error.to_string());
     }
-    for (name, entry) in graph.services.entries().into_iter().chain(graph.programs.iter().map(|(n, e)| (n.as_str(), e))) {
+    for (name, entry) in graph.services.entries().into_iter().chain(graph.programs.iter().map(|(n, e)| (n.as_str(), e)))
+    {
         if let Err(message) = check_entry(entry) {
             return fail(&format!("services.{name}.{}", message.0), message.1);
         }
     }
     if let Some((name, _)) = graph.programs.iter().find(|(_, e)| e.command.is_empty()) {
-        return fail(&format!("programs.{name}.command"), "names no program; write [\"PROGRAM\", \"ARGUMENT\", ...]".into());
+        return fail(
+            &format!("programs.{name}.command"),
+            "names no program; write [\"PROGRAM\", \"ARGUMENT\", ...]".into(),
+        );
     }
     if let Err(error) = graph.alignment.check(registry) {
         return fail("alignment.registration", error.to_string());

@@ -131,7 +131,9 @@ impl Supervised {
     /// process has left in shared memory and is called before the new one starts.
     pub fn look_after(&mut self, clean: &dyn Fn()) -> Result<Fate> {
         if let Some(child) = &mut self.child {
-            let Some(status) = child.try_wait().context("a child cannot be waited for")? else { return Ok(Fate::Running) };
+            let Some(status) = child.try_wait().context("a child cannot be waited for")? else {
+                return Ok(Fate::Running);
+            };
             self.child = None;
             self.last_status = Some(status);
             clean();

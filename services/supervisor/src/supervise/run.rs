@@ -66,8 +66,7 @@ pub fn run(plan: &RunPlan) -> Result<RunOutcome> {
     claim(&domain)?;
     let names: Vec<&str> = graph.services.entries().iter().map(|(name, _)| *name).collect();
     budget::check(&names, &sizes).map_err(|e| UsageError(e.to_string()))?;
-    let participant =
-        Participant::join(domain.clone(), "supervisor", 0, sizes, Wake::Event, plan.stop.clone())?;
+    let participant = Participant::join(domain.clone(), "supervisor", 0, sizes, Wake::Event, plan.stop.clone())?;
     let result = run_joined(plan, &participant);
     drop(participant);
     // Everyone is gone: what remains are files that iceoryx2 leaves behind.
