@@ -24,8 +24,14 @@ fn options(name: &str) -> IpcOptions {
     }
 }
 
+/// The domain that [`options`] names.
+fn domain(options: &IpcOptions) -> Domain {
+    let name = options.domain.as_deref().unwrap_or_default();
+    Domain::new(name).unwrap_or_else(|error| panic!("{error}"))
+}
+
 fn assert_nothing_is_left(options: &IpcOptions) {
-    let domain = Domain::new(options.domain.as_ref().unwrap()).unwrap();
+    let domain = domain(options);
     assert_eq!(domain.segments(), Vec::<std::path::PathBuf>::new());
     assert!(!domain.root().exists(), "{} is left", domain.root().display());
 }
@@ -101,7 +107,7 @@ fn a_run_that_is_stopped_leaves_nothing() {
 #[test]
 fn the_domain_of_another_graph_is_neither_used_nor_removed() {
     let options = options("t-used");
-    let domain = Domain::new(options.domain.as_ref().unwrap()).unwrap();
+    let domain = domain(&options);
     domain.config().unwrap();
     let error = run(&options).unwrap_err();
     assert!(matches!(error, BenchError::DomainInUse { .. }), "{error}");

@@ -16,20 +16,13 @@ pub(super) fn is_intact(items: &[Point], sequence: u64, points: usize) -> bool {
         && items.last() == Some(&point(sequence, points.saturating_sub(1)))
 }
 
-/// Bytes of the stamp and the number at the head of a message that is copied.
-pub(super) const HEAD: usize = 16;
+/// Bytes of the stamp and the number at the head of a message that is copied; they take the place of its first point.
+pub(super) const HEAD: usize = size_of::<Point>();
 
-/// Writes message `sequence` into a buffer: room for the head, then bytes of the points.
-pub(super) fn fill_bytes(buffer: &mut [u8], sequence: u64) {
-    for (index, bytes) in buffer.chunks_exact_mut(size_of::<Point>()).enumerate().skip(HEAD / size_of::<Point>()) {
-        let p = point(sequence, index);
-        let (xyz, rest) = bytes.split_at_mut(12);
-        for (to, from) in xyz.chunks_exact_mut(4).zip([p.x, p.y, p.z]) {
-            to.copy_from_slice(&from.to_ne_bytes());
-        }
-        for (to, from) in rest.chunks_exact_mut(2).zip([p.intensity, p.time]) {
-            to.copy_from_slice(&from.to_ne_bytes());
-        }
+/// Writes the points of message `sequence`.
+pub(super) fn fill(items: &mut [Point], sequence: u64) {
+    for (index, item) in items.iter_mut().enumerate() {
+        *item = point(sequence, index);
     }
 }
 
@@ -50,6 +43,7 @@ pub(super) fn head(buffer: &[u8]) -> Option<(u64, u64)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bytemuck::{cast_slice, cast_slice_mut};
 
     #[test]
     fn a_payload_of_another_message_is_noticed() {
@@ -60,12 +54,11 @@ mod tests {
 
     #[test]
     fn the_head_of_a_copied_message_is_read_back() {
-        let mut buffer = vec![0; 64];
-        fill_bytes(&mut buffer, 9);
-        put_head(&mut buffer, 1234, 9);
-        assert_eq!(head(&buffer), Some((1234, 9)));
-        assert_eq!(buffer[16..20], 1.0_f32.to_ne_bytes());
-        assert_eq!(buffer[60..62], 9_u16.to_ne_bytes());
-        assert_eq!(head(&buffer[..15]), None);
+        let mut points = [Point::default(); 4];
+        fill(&mut points, 9);
+        put_head(cast_slice_mut(&mut points), 1234, 9);
+        assert_eq!(head(cast_slice(&points)), Some((1234, 9)));
+        assert_eq!(points[1..], [point(9, 1), point(9, 2), point(9, 3)]);
+        assert_eq!(head(&cast_slice(&points)[..15]), None);
     }
 }

@@ -11,9 +11,9 @@ use serde_json::{Value, json};
 
 use super::bare::BareNode;
 use super::case::{COPIED, Case, IN_PLACE, ITEM_BYTES, Pair};
+use super::payload::point;
 use super::peer::{Report, socket_path};
 use super::peer_process::PeerProcess;
-use super::receive::resident_buffer;
 use super::send::{Send, SendBytes, SendIceoryx2, SendMirador};
 use super::{BenchError, IpcOptions, Payload, Transport, pin};
 use crate::{BenchReport, Machine, Provenance, Row, Summary};
@@ -170,10 +170,11 @@ fn connect(
     let (socket, _) = listener.accept().map_err(BenchError::io("accept the second process"))?;
     std::fs::remove_file(&path).map_err(BenchError::io("remove the Unix socket"))?;
     let pipe = peer.take_stdin()?;
-    let buffer = || resident_buffer(case.payload_bytes());
+    // Points that are not zero: zeroed memory is mapped only at its first use.
+    let points = || vec![point(1, 1); case.points];
     let senders: [Box<dyn Send>; 2] = [
-        Box::new(SendBytes { stream: socket, buffer: buffer() }),
-        Box::new(SendBytes { stream: pipe, buffer: buffer() }),
+        Box::new(SendBytes { stream: socket, points: points() }),
+        Box::new(SendBytes { stream: pipe, points: points() }),
     ];
     Ok((peer, senders))
 }

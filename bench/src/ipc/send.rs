@@ -2,14 +2,15 @@
 
 use std::io::Write;
 
+use bytemuck::cast_slice_mut;
 use mirador_ipc_schema::clock::monotonic_ns;
-use mirador_ipc_schema::messages::ScanMeta;
+use mirador_ipc_schema::messages::{Point, ScanMeta};
 use mirador_ipc_schema::topics::Scan;
 use mirador_ipc_schema::{Header, Publisher};
 
 use super::BenchError;
 use super::bare::{BareNotifier, BarePublisher};
-use super::payload::{fill_bytes, point, put_head};
+use super::payload::{fill, point, put_head};
 
 /// Durations of one message on the publisher's side [ns].
 #[derive(Debug, Clone, Copy)]
@@ -45,9 +46,7 @@ impl Send for SendMirador {
     fn send(&mut self, sequence: u64) -> Result<Sent, BenchError> {
         let mut loan = self.publisher.loan(self.points)?;
         let begin = monotonic_ns();
-        for (index, item) in loan.items_mut().iter_mut().enumerate() {
-            *item = point(sequence, index);
-        }
+        fill(loan.items_mut(), sequence);
         let written = monotonic_ns();
         *loan.meta_mut() = meta(sequence, self.points);
         let stamp = monotonic_ns();
@@ -85,17 +84,18 @@ impl Send for SendIceoryx2 {
 /// A stream that takes the message as bytes: one write call for the whole of it.
 pub(super) struct SendBytes<W: Write> {
     pub stream: W,
-    pub buffer: Vec<u8>,
+    pub points: Vec<Point>,
 }
 
 impl<W: Write> Send for SendBytes<W> {
     fn send(&mut self, sequence: u64) -> Result<Sent, BenchError> {
         let begin = monotonic_ns();
-        fill_bytes(&mut self.buffer, sequence);
+        fill(&mut self.points, sequence);
         let written = monotonic_ns();
         let stamp = monotonic_ns();
-        put_head(&mut self.buffer, stamp, sequence);
-        self.stream.write_all(&self.buffer).map_err(BenchError::io("write to the second process"))?;
+        let bytes = cast_slice_mut(&mut self.points);
+        put_head(bytes, stamp, sequence);
+        self.stream.write_all(bytes).map_err(BenchError::io("write to the second process"))?;
         Ok(Sent { write_ns: written - begin, send_ns: monotonic_ns() - stamp })
     }
 }
