@@ -44,7 +44,7 @@ fn nothing(transport: Transport, expected: u64) -> BenchError {
     BenchError::Lost { transport, expected, found: format!("nothing came for {} s", LOST_AFTER.as_secs()) }
 }
 
-/// Our handle, used as a service uses it: look, else wait.
+/// Our handle: the call for a reader of one topic.
 pub(super) struct ReceiveMirador {
     pub participant: Participant,
     pub subscriber: Subscriber<Scan>,
@@ -53,17 +53,11 @@ pub(super) struct ReceiveMirador {
 
 impl Receive for ReceiveMirador {
     fn receive(&mut self, sequence: u64) -> Result<u64, BenchError> {
-        let begin = Instant::now();
-        loop {
-            if let Some(message) = self.subscriber.receive()? {
-                let now = monotonic_ns();
-                return latency(Transport::Mirador, sequence, self.points, now, message.header(), message.items());
-            }
-            if begin.elapsed() > LOST_AFTER {
-                return Err(nothing(Transport::Mirador, sequence));
-            }
-            self.participant.wait(&[&self.subscriber], LOST_AFTER);
-        }
+        let Some(message) = self.subscriber.receive_within(&self.participant, LOST_AFTER)? else {
+            return Err(nothing(Transport::Mirador, sequence));
+        };
+        let now = monotonic_ns();
+        latency(Transport::Mirador, sequence, self.points, now, message.header(), message.items())
     }
 }
 

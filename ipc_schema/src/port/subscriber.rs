@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::os::fd::BorrowedFd;
 use std::rc::Rc;
+use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::subscriber;
@@ -83,6 +84,37 @@ impl<T: Topic> Subscriber<T> {
         self.count_gap(sample.origin().value(), sample.user_header().header());
         Counters::add(&self.counters.received, 1);
         Ok(Some(Received { sample, counters: Rc::clone(&self.counters) }))
+    }
+
+    /// The next message, waiting for it at most `timeout` or until the process should end. While polling, this is the
+    /// shortest way to a message: nothing stands between two looks.
+    ///
+    /// # Errors
+    /// See [`ReceiveFailure`].
+    pub fn receive_within(
+        &self,
+        participant: &Participant,
+        timeout: Duration,
+    ) -> Result<Option<Received<T>>, ReceiveFailure> {
+        /// Looks between two glances at the clock and the wish to stop.
+        const LOOKS: usize = 64;
+        let begin = Instant::now();
+        loop {
+            let looks = if participant.wake == Wake::Poll { LOOKS } else { 1 };
+            for _ in 0..looks {
+                if let Some(message) = self.receive()? {
+                    return Ok(Some(message));
+                }
+                std::hint::spin_loop();
+            }
+            let left = timeout.saturating_sub(begin.elapsed());
+            if left.is_zero() || participant.stop.is_set() {
+                return Ok(None);
+            }
+            if participant.wake == Wake::Event {
+                participant.wait(&[self], left);
+            }
+        }
     }
 
     /// A publisher counts its messages without holes, so a hole is a loss. The first message of a publisher only sets

@@ -44,8 +44,15 @@ fn wait_for_event(ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal)
 }
 
 fn spin(ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) {
+    /// Looks between two glances at the clock and the wish to stop.
+    const LOOKS: usize = 64;
     let begin = Instant::now();
-    while !stop.is_set() && !ports.iter().any(|p| p.is_ready()) && begin.elapsed() < timeout {
-        std::hint::spin_loop();
+    while !stop.is_set() && begin.elapsed() < timeout {
+        for _ in 0..LOOKS {
+            if ports.iter().any(|p| p.is_ready()) {
+                return;
+            }
+            std::hint::spin_loop();
+        }
     }
 }
