@@ -1,0 +1,124 @@
+use super::*;
+
+fn snapshot() -> Snapshot {
+    Snapshot {
+        domain: "mirador".into(),
+        supervisor_pid: Some(10),
+        run: Run { state: "running", lockstep: Some(true), scans_done: 3, scans_expected: Some(12), scans_failed: 0 },
+        services: vec![
+            Service {
+                service: "alignment".into(),
+                pid: 11,
+                state: "running",
+                restarts: 1,
+                finished_scans: 3,
+                cpu_percent: Some(99.96),
+                resident_bytes: 123_456_789,
+                messages_in_per_second: Some(20.04),
+                messages_out_per_second: Some(21.0),
+                lost_messages: 2,
+                undelivered_messages: 0,
+                copied_payload_bytes: 1_234_567,
+                last_work_ms: 41.26,
+                heard_ms_ago: Some(20.0),
+                message: "waiting\x1b[2J\nfor the target".into(),
+            },
+            Service {
+                service: "foreign".into(),
+                pid: 4_194_304,
+                state: "unheard",
+                restarts: 0,
+                finished_scans: 0,
+                cpu_percent: None,
+                resident_bytes: 0,
+                messages_in_per_second: None,
+                messages_out_per_second: None,
+                lost_messages: 0,
+                undelivered_messages: 0,
+                copied_payload_bytes: 0,
+                last_work_ms: 0.0,
+                heard_ms_ago: None,
+                message: String::new(),
+            },
+        ],
+        stages: vec![Stage { stage: "end_to_end", last_ms: 12.34, p50_ms: 11.0, scans: 3 }],
+        decision: Some(Decision {
+            scan: 2,
+            decision: "go",
+            reason_code: "best_utility".into(),
+            reason: "candidate 4".into(),
+            strategy: "weighted".into(),
+            candidates: 7,
+            path_length_m: 3.21,
+            end_to_end_ms: 12.34,
+        }),
+        notes: vec!["not shown: clock".into()],
+    }
+}
+
+#[test]
+fn a_graph_is_a_table_that_can_be_read() {
+    let expected = "\
+domain mirador | supervisor 10 | running | lockstep | scans 3 of 12
+
+service        pid  state    restarts  scans  cpu %  memory MB  in/s  out/s  lost  copied  work ms  message
+alignment       11  running         1      3  100.0      123.5  20.0   21.0     2  1.2 MB     41.3  waiting [2J for the target
+foreign    4194304  unheard         -      -      -          -     -      -     -       -        -
+
+stage       last ms  p50 ms  scans
+end to end     12.3    11.0      3
+
+decision  scan 2: go (best_utility) candidate 4 | 7 candidates, path 3.2 m, 12.3 ms, strategy weighted
+note      not shown: clock
+";
+    assert_eq!(render(&snapshot()), expected);
+}
+
+#[test]
+fn a_graph_that_was_not_heard_is_said_to_be_so() {
+    let mut empty = snapshot();
+    empty.services.clear();
+    empty.stages.clear();
+    empty.decision = None;
+    empty.run.scans_expected = None;
+    let text = render(&empty);
+    assert!(text.contains("no service has been heard") && text.contains("| scans 3\n"), "{text}");
+}
+
+#[test]
+fn what_was_not_delivered_is_said_beside_the_message() {
+    let mut loud = snapshot();
+    loud.services[0].undelivered_messages = 4;
+    assert!(render(&loud).contains("4 undelivered; waiting"));
+}
+
+#[test]
+fn bytes_are_short() {
+    let words: Vec<String> = [0, 999, 1_000, 1_500_000, 2_000_000_000].into_iter().map(bytes).collect();
+    assert_eq!(words, ["0 B", "999 B", "1.0 kB", "1.5 MB", "2.0 GB"]);
+}
+
+#[test]
+fn the_keys_of_json_stay_as_they_are() {
+    let json: serde_json::Value = serde_json::to_value(snapshot()).unwrap();
+    let keys = |value: &serde_json::Value| value.as_object().unwrap().keys().cloned().collect::<Vec<_>>().join(" ");
+    // In the order of the alphabet, whatever map serde_json was built with.
+    let sorted = |value: &serde_json::Value| {
+        let mut words: Vec<String> = keys(value).split(' ').map(str::to_owned).collect();
+        words.sort();
+        words.join(" ")
+    };
+    assert_eq!(sorted(&json), "decision domain notes run services stages supervisor_pid");
+    assert_eq!(sorted(&json["run"]), "lockstep scans_done scans_expected scans_failed state");
+    assert_eq!(
+        sorted(&json["services"][0]),
+        "copied_payload_bytes cpu_percent finished_scans heard_ms_ago last_work_ms lost_messages message \
+         messages_in_per_second messages_out_per_second pid resident_bytes restarts service state undelivered_messages"
+    );
+    assert_eq!(sorted(&json["stages"][0]), "last_ms p50_ms scans stage");
+    assert_eq!(
+        sorted(&json["decision"]),
+        "candidates decision end_to_end_ms path_length_m reason reason_code scan strategy"
+    );
+    assert!(json["services"][1]["cpu_percent"].is_null(), "what is not known is null");
+}
