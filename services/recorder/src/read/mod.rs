@@ -4,91 +4,24 @@
 //! one chunk at a time, checks its CRC and copies the message into aligned buffers. So a recording of any length is
 //! read in the memory of its largest chunk, and one that was cut off is read up to its last complete chunk.
 
+mod error;
+mod index;
+
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use mirador_ipc_schema::ScanId;
 use mirador_ipc_schema::messages::{Point, ScanMeta};
 use mirador_ipc_schema::topics::{self, Topic, TopicInfo};
 
-use crate::records::{
-    CHUNK_HEAD, Channel, Chunk, MESSAGE_HEAD, Packing, Parser, RECORD_HEAD, SMALL_RECORD, Schema, op,
-};
+use crate::records::{Chunk, Packing};
 use crate::write::Stamps;
-use crate::{CHANNEL_PREFIX, MESSAGE_ENCODING};
 
-/// Why a recording cannot be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file cannot be opened or read.
-    #[error("cannot read the recording '{path}': {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// The file does not begin like an MCAP file.
-    #[error("'{path}' is not an MCAP file")]
-    NotMcap {
-        /// The file.
-        path: PathBuf,
-    },
-    /// The file ends before its first chunk is complete, so nothing was recorded.
-    #[error("the recording '{path}' holds nothing: it ends before its first chunk is complete")]
-    Empty {
-        /// The file.
-        path: PathBuf,
-    },
-    /// An MCAP file of another program.
-    #[error(
-        "'{path}' is an MCAP file (profile '{profile}') but not a recording of mirador: it has no channel 'mirador/...'. Its channels: {channels}"
-    )]
-    NotOurs {
-        /// The file.
-        path: PathBuf,
-        /// Profile in its header; `ros2` for a ROS 2 bag.
-        profile: String,
-        /// Its channels.
-        channels: String,
-    },
-    /// A message was recorded by a build with another layout.
-    #[error(
-        "'{path}' was recorded with another layout of topic '{topic}'; read it with the version of mirador that wrote it.\n  recorded: {recorded}\n  this build: {current}"
-    )]
-    Layout {
-        /// The file.
-        path: PathBuf,
-        /// The topic.
-        topic: String,
-        /// Description in the file.
-        recorded: String,
-        /// Description of this build.
-        current: String,
-    },
-    /// Bytes of the file have changed since they were written.
-    #[error("the recording '{path}' is damaged at byte {offset}: {what}")]
-    Damaged {
-        /// The file.
-        path: PathBuf,
-        /// Where.
-        offset: u64,
-        /// What does not fit.
-        what: &'static str,
-    },
-    /// The recording has no such scan.
-    #[error("'{path}' has no scan {scan}; it has {present}")]
-    NoScan {
-        /// The file.
-        path: PathBuf,
-        /// The scan asked for.
-        scan: u32,
-        /// Which scans it has, in words.
-        present: String,
-    },
-}
+use index::Declared;
+
+pub use error::ReadError;
 
 /// Where one message lies.
 #[derive(Debug, Clone, Copy)]
@@ -372,151 +305,7 @@ impl RunReader {
         self.loaded = Some(chunk);
         Ok(())
     }
-
-    /// Walks over the records of the file and keeps its chunks. Stops where a record is cut off.
-    fn find_chunks(&mut self, declared: &mut Declared) -> Result<(), ReadError> {
-        let magic = mcap::MAGIC.len() as u64;
-        let mut start = [0; 8];
-        if self.bytes < magic || self.read_at(0, &mut start).is_err() || start != *mcap::MAGIC {
-            return Err(ReadError::NotMcap { path: self.path.clone() });
-        }
-        let mut at = magic;
-        while at + RECORD_HEAD <= self.bytes {
-            let mut head = [0; RECORD_HEAD as usize];
-            self.read_at(at, &mut head)?;
-            let (opcode, length) = record_head(&head);
-            let content = at + RECORD_HEAD;
-            let Some(end) = content.checked_add(length).filter(|end| *end <= self.bytes) else { break };
-            match opcode {
-                op::CHUNK => match self.chunk_at(content, length)? {
-                    Some(chunk) => self.chunks.push(chunk),
-                    None => break,
-                },
-                op::HEADER if length <= SMALL_RECORD => {
-                    let content = self.content(content, length)?;
-                    self.profile = Parser(&content).string().unwrap_or_default();
-                }
-                op::SCHEMA | op::CHANNEL if length <= SMALL_RECORD => {
-                    let content = self.content(content, length)?;
-                    declared.add(opcode, &content);
-                }
-                op::FOOTER => {
-                    self.complete = end + magic == self.bytes;
-                    break;
-                }
-                0 => break,
-                _ => {}
-            }
-            at = end;
-        }
-        Ok(())
-    }
-
-    fn content(&mut self, offset: u64, length: u64) -> Result<Vec<u8>, ReadError> {
-        let mut content = vec![0; length as usize];
-        self.read_at(offset, &mut content)?;
-        Ok(content)
-    }
-
-    fn chunk_at(&mut self, content: u64, length: u64) -> Result<Option<Chunk>, ReadError> {
-        let head = self.content(content, length.min(CHUNK_HEAD as u64))?;
-        Ok(Chunk::parse(&head, content, length))
-    }
-
-    /// Walks over the records of a chunk and keeps its messages and declarations.
-    fn find_messages(&mut self, chunk: usize, declared: &mut Declared) -> Result<(), ReadError> {
-        let size = self.chunks[chunk].size;
-        let mut at = 0;
-        while at < size {
-            let mut head = [0; RECORD_HEAD as usize];
-            self.peek(chunk, at, &mut head)?;
-            let (opcode, length) = record_head(&head);
-            let content = at + RECORD_HEAD;
-            let Some(end) = content.checked_add(length).filter(|end| *end <= size) else {
-                return Err(self.damaged(self.chunks[chunk].offset + at, "a record is longer than its chunk"));
-            };
-            match opcode {
-                op::MESSAGE if length >= MESSAGE_HEAD => self.find_message(chunk, content, length)?,
-                op::SCHEMA | op::CHANNEL if length <= SMALL_RECORD => {
-                    let mut bytes = vec![0; length as usize];
-                    self.peek(chunk, content, &mut bytes)?;
-                    declared.add(opcode, &bytes);
-                }
-                _ => {}
-            }
-            at = end;
-        }
-        Ok(())
-    }
-
-    fn find_message(&mut self, chunk: usize, content: u64, length: u64) -> Result<(), ReadError> {
-        let mut head = [0; MESSAGE_HEAD as usize + 8];
-        // Messages of other programs may be shorter than our header's id.
-        let n = head.len().min(length as usize);
-        self.peek(chunk, content, &mut head[..n])?;
-        let mut p = Parser(&head);
-        let parsed = (|| Some((p.u16()?, p.u32()?, p.u64()?, p.u64()?, p.u64()?)))();
-        if let Some((channel, sequence, log_time, publish_time, id)) = parsed {
-            let (offset, length) = (content + MESSAGE_HEAD, length - MESSAGE_HEAD);
-            self.entries.push(Entry { channel, sequence, log_time, publish_time, id, chunk, offset, length });
-        }
-        Ok(())
-    }
-
-    /// Compares the declared channels with the topics of this build.
-    fn check(&mut self, declared: Declared) -> Result<(), ReadError> {
-        let ours = |c: &Channel| c.topic.starts_with(CHANNEL_PREFIX) && c.encoding == MESSAGE_ENCODING;
-        if !declared.channels.values().any(ours) {
-            let names: Vec<_> = declared.channels.values().map(|c| c.topic.as_str()).collect();
-            let channels = if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-            return Err(ReadError::NotOurs { path: self.path.clone(), profile: self.profile.clone(), channels });
-        }
-        for (id, channel) in declared.channels {
-            let mut topic = None;
-            if let (true, Some(name)) = (ours(&channel), channel.topic.strip_prefix(CHANNEL_PREFIX)) {
-                topic = topics::ALL.iter().find(|t| t.rules.name == name);
-                let recorded = declared.schemas.get(&channel.schema).map_or("no schema", |s| s.text.as_str());
-                let current = topic.map_or_else(|| "this topic does not exist".to_owned(), |t| (t.describe)());
-                if recorded != current {
-                    let (path, topic) = (self.path.clone(), name.to_owned());
-                    return Err(ReadError::Layout { path, topic, recorded: recorded.to_owned(), current });
-                }
-            }
-            self.channels.insert(id, Known { name: channel.topic, topic });
-        }
-        match self.entries.iter().find(|e| !self.channels.contains_key(&e.channel)) {
-            Some(e) => Err(self.damaged(self.chunks[e.chunk].offset + e.offset, "a message of an undeclared channel")),
-            None => Ok(()),
-        }
-    }
-}
-
-/// Opcode and length of a record.
-fn record_head(head: &[u8; RECORD_HEAD as usize]) -> (u8, u64) {
-    let mut p = Parser(head);
-    (p.u8().unwrap_or(0), p.u64().unwrap_or(u64::MAX))
-}
-
-/// The schemas and channels met so far.
-#[derive(Default)]
-struct Declared {
-    schemas: BTreeMap<u16, Schema>,
-    channels: BTreeMap<u16, Channel>,
-}
-
-impl Declared {
-    /// Keeps a schema or channel; one that does not parse leaves its messages without a declaration, which is noticed.
-    fn add(&mut self, opcode: u8, content: &[u8]) {
-        if opcode == op::SCHEMA {
-            if let Some(schema) = Schema::parse(content) {
-                self.schemas.insert(schema.id, schema);
-            }
-        } else if let Some(channel) = Channel::parse(content) {
-            self.channels.insert(channel.id, channel);
-        }
-    }
 }
 
 #[cfg(test)]
-#[path = "read_tests.rs"]
 mod tests;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::MESSAGE_ENCODING;
 use crate::testing::{points, record_run};
 use crate::{Compression, RecorderConfig};
 use proptest::prelude::*;
@@ -104,7 +105,7 @@ fn a_changed_point_is_noticed_by_the_checksum() {
 fn a_recording_of_another_program_is_refused() {
     let mut bytes = Vec::new();
     let mut writer =
-        mcap::WriteOptions::new().profile("ros2").compression(None).create(io::Cursor::new(&mut bytes)).unwrap();
+        mcap::WriteOptions::new().profile("ros2").compression(None).create(std::io::Cursor::new(&mut bytes)).unwrap();
     let schema = writer.add_schema("sensor_msgs/msg/PointCloud2", "ros2msg", b"uint8[] data").unwrap();
     let channel = writer.add_channel(schema, "/velodyne_points", "cdr", &Map::new()).unwrap();
     let head = mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 0, publish_time: 0 };
@@ -120,7 +121,7 @@ fn a_recording_of_another_program_is_refused() {
 #[test]
 fn another_layout_is_refused_with_both_versions() {
     let mut bytes = Vec::new();
-    let mut writer = mcap::WriteOptions::new().compression(None).create(io::Cursor::new(&mut bytes)).unwrap();
+    let mut writer = mcap::WriteOptions::new().compression(None).create(std::io::Cursor::new(&mut bytes)).unwrap();
     let old = topics::describe::<topics::Scan>().replace("\"range_min_m\"", "\"range_min\"");
     let schema = writer.add_schema("mirador/scan", crate::SCHEMA_ENCODING, old.as_bytes()).unwrap();
     writer.add_channel(schema, "mirador/scan", MESSAGE_ENCODING, &Map::new()).unwrap();
