@@ -10,6 +10,7 @@
 
 pub mod geometry;
 pub mod scan;
+mod threads;
 
 pub mod surface;
 

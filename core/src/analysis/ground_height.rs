@@ -89,8 +89,9 @@ pub fn estimate_ground_height(
 ) -> Option<f64> {
     let rotation: Matrix3<f32> = level_from_scanner.to_rotation_matrix().into_inner().cast();
     let stride = sampling_stride(&scan);
+    let mut ground = Candidates::default();
     RADII.iter().find_map(|radius| {
-        let ground = Candidates { scan, surface, rotation, stride, radius2: radius * radius };
+        ground.gather(scan, surface, &rotation, stride, radius * radius);
         let level = ground.lowest_level()?;
         let height = -ground.refine(level);
         (height.is_finite() && height > 0.0).then_some(height)
@@ -111,28 +112,28 @@ fn sampling_stride(scan: &ScanView<'_>) -> usize {
 }
 
 /// The points among which ground is looked for.
-struct Candidates<'a> {
-    scan: ScanView<'a>,
-    surface: &'a Surface,
-    rotation: Matrix3<f32>,
-    stride: usize,
-    radius2: f32,
+#[derive(Default)]
+struct Candidates {
+    /// Level positions [m] and weights [m^2].
+    points: Vec<(Vector3<f32>, f32)>,
 }
 
-impl Candidates<'_> {
-    /// Calls `visit` with the level position and the weight of every candidate.
-    fn visit(&self, mut visit: impl FnMut(Vector3<f32>, f32)) {
-        for (point, shape) in self.scan.points.iter().zip(self.surface.points()).step_by(self.stride) {
+impl Candidates {
+    /// Replaces the points by those of the scan that lie within a horizontal distance, below the scanner and level.
+    fn gather(&mut self, scan: ScanView<'_>, surface: &Surface, rotation: &Matrix3<f32>, stride: usize, radius2: f32) {
+        self.points.clear();
+        for (point, shape) in scan.points.iter().zip(surface.points()).step_by(stride) {
             if !shape.is_valid() {
                 continue;
             }
-            let p = self.rotation * point.vector();
-            if p.z >= 0.0 || p.x * p.x + p.y * p.y > self.radius2 {
+            let p = rotation * point.vector();
+            if p.z >= 0.0 || p.x * p.x + p.y * p.y > radius2 {
                 continue;
             }
-            let normal_z = self.rotation.row(2).transpose().dot(&Vector3::from(shape.normal));
+            let [x, y, z] = shape.normal;
+            let normal_z = rotation.m31 * x + rotation.m32 * y + rotation.m33 * z;
             if normal_z >= COS_SLOPE_MAX {
-                visit(p, shape.area.min(AREA_CAP));
+                self.points.push((p, shape.area.min(AREA_CAP)));
             }
         }
     }
@@ -140,13 +141,13 @@ impl Candidates<'_> {
     /// The height of the lowest level with a fair share of the surface [m].
     fn lowest_level(&self) -> Option<f64> {
         let (mut histogram, mut points, mut area) = ([0.0f32; BINS], 0usize, 0.0f32);
-        self.visit(|p, weight| {
+        for &(p, weight) in &self.points {
             if let Some(bin) = histogram.get_mut((-p.z / BIN) as usize) {
                 *bin += weight;
                 points += 1;
                 area += weight;
             }
-        });
+        }
         if points < POINTS_MIN || area < AREA_MIN {
             return None;
         }
@@ -165,14 +166,15 @@ impl Candidates<'_> {
         let mut plane = Vector3::new(level, 0.0, 0.0);
         for _ in 0..ROUNDS {
             let (mut normal_matrix, mut right) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
-            self.visit(|p, weight| {
+            for (p, weight) in &self.points {
                 let p = p.cast::<f64>();
                 let row = Vector3::new(1.0, p.x, p.y);
                 if (p.z - row.dot(&plane)).abs() <= f64::from(INLIER_MAX) {
-                    normal_matrix += f64::from(weight) * row * row.transpose();
-                    right += f64::from(weight) * p.z * row;
+                    let weight = f64::from(*weight);
+                    normal_matrix += weight * row * row.transpose();
+                    right += weight * p.z * row;
                 }
-            });
+            }
             // Damped tilt (1 cm^2 of surface at 1 m): a single line of points cannot turn the plane.
             normal_matrix[(1, 1)] += 1e-4;
             normal_matrix[(2, 2)] += 1e-4;

@@ -9,7 +9,8 @@ use super::navigable::{height_factor, slope_factor};
 use super::obstacle::{obstacle_score, within_reach};
 use super::point_score::PointScore;
 use crate::scan::{Point, ScanView};
-use crate::surface::{Surface, SurfacePoint, for_blocks};
+use crate::surface::{Surface, SurfacePoint};
+use crate::threads::for_blocks;
 
 /// Why a scan has no scores.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -2,9 +2,10 @@
 
 use nalgebra::Vector3;
 
+use super::PreparedScan;
 use super::prepared::PreparedCloud;
-use super::{PreparedScan, parallel};
 use crate::geometry::Pose;
+use crate::threads;
 
 /// Source points summed up by one thread at a time. Sums are combined in the order of the blocks.
 const BLOCK: usize = 1024;
@@ -72,7 +73,8 @@ impl<S: PairSum> Matcher<S> {
         settings: &S::Settings,
     ) -> S {
         let search = Search::new(target, target_from_source, within_m);
-        parallel::for_each_block(&mut self.blocks, threads, |k, block| {
+        let most = threads.min(self.blocks.len());
+        threads::for_each(self.blocks.iter_mut().enumerate(), most, |(k, block)| {
             block.sum = S::default();
             for (point, partner) in source.points().iter().skip(k * BLOCK).zip(&mut block.partners) {
                 if let Some(pair) = search.pair(*point, partner) {

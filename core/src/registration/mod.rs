@@ -16,7 +16,6 @@ mod iteration;
 mod kdtree;
 mod limits;
 mod normals;
-mod parallel;
 mod point_to_plane;
 mod point_to_point;
 mod prepared;

@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::PreparationConfig;
 use super::kdtree::{KdTree, Neighbours};
-use super::{PreparationConfig, parallel};
+use crate::threads;
 
 /// Points a thread works on at a time.
 const BLOCK: usize = 512;
@@ -17,8 +18,8 @@ pub(super) fn estimate(tree: &KdTree, config: &PreparationConfig, threads: usize
     let points = tree.points();
     let mut normals = vec![[0.0_f32; 3]; points.len()];
     let radius_sq = (config.normal_radius_m * config.normal_radius_m) as f32;
-    let mut blocks: Vec<&mut [[f32; 3]]> = normals.chunks_mut(BLOCK).collect();
-    parallel::for_each_block(&mut blocks, threads, |block, normals| {
+    let most = threads.min(points.len().div_ceil(BLOCK));
+    threads::for_each(normals.chunks_mut(BLOCK).enumerate(), most, |(block, normals)| {
         let mut neighbours = Neighbours::new(config.normal_neighbours);
         for (normal, point) in normals.iter_mut().zip(points.iter().skip(block * BLOCK)) {
             tree.nearest_many(*point, radius_sq, &mut neighbours);

@@ -1,7 +1,5 @@
 //! The source's scanner (section 5.3): a planar laser that sweeps a vertical plane while the head turns about z.
 
-use std::sync::{Mutex, PoisonError};
-
 use nalgebra::{Point3, Vector3};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
@@ -12,6 +10,7 @@ use super::scanner_config::{ScannerConfig, ScannerConfigError};
 use super::scene::Label;
 use crate::geometry::Pose;
 use crate::scan::{Grid, Point};
+use crate::threads;
 
 /// Lines of the grid a thread takes at a time: small enough to share the work evenly, large enough to amortise it.
 const LINES_A_BLOCK: usize = 8;
@@ -157,23 +156,8 @@ impl Scanner {
             points,
             labels: labels.as_mut().and_then(Iterator::next),
         });
-        let queue = Mutex::new(blocks);
-        let helpers = threads.min(cells.div_ceil(block)).saturating_sub(1);
-        let work = || {
-            loop {
-                let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                let Some(block) = next else { return };
-                self.scan_block(scene, map_from_scanner, seed, block);
-            }
-        };
-        std::thread::scope(|scope| {
-            for _ in 0..helpers {
-                // Where the system refuses a thread, the others do its share.
-                if std::thread::Builder::new().spawn_scoped(scope, work).is_err() {
-                    break;
-                }
-            }
-            work();
+        threads::for_each(blocks, threads.min(cells.div_ceil(block)), |block| {
+            self.scan_block(scene, map_from_scanner, seed, block);
         });
         Ok(())
     }

@@ -9,8 +9,8 @@ use super::mesh::Mesh;
 use super::quality::QualityScale;
 use super::topology::Topology;
 use super::view::{Surface, SurfacePoint};
-use super::{for_blocks, for_blocks2};
 use crate::scan::{Grid, Point, ScanView};
+use crate::threads::{for_blocks, for_blocks2};
 
 /// Why a scan has no surface.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

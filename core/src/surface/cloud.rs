@@ -1,11 +1,11 @@
 //! The surface of a scan without an order: normals, areas and qualities from each point's nearest neighbours.
 
 use super::config::SurfaceConfig;
-use super::for_blocks2;
 use super::neighbours::{Entry, NeighbourList, Search, Tree};
 use super::quality::{QualityScale, incidence_quality};
 use super::view::{Surface, SurfacePoint};
 use crate::scan::Point;
+use crate::threads::for_blocks2;
 
 /// Fewer neighbours than this span no plane.
 const NEIGHBOURS_MIN: usize = 3;

@@ -1,10 +1,10 @@
 //! Triangles from honest legs, and the normals and areas they give to their points (3.12, 3.13).
 
-use super::for_blocks2;
 use super::legs::{COL_HONEST, COL_THERE, ROW_HONEST, ROW_THERE, Sample};
 use super::quality::QualityScale;
 use super::topology::Topology;
 use super::view::SurfacePoint;
+use crate::threads::for_blocks2;
 
 /// The corners of the triangle that leaves out corner k, in the quad a, b (right), c (below), d.
 pub(super) const TRIANGLE_CORNERS: [[usize; 3]; 4] = [[1, 3, 2], [0, 3, 2], [0, 1, 3], [0, 1, 2]];

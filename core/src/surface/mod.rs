@@ -6,7 +6,6 @@
 //! and sums their normals and areas, `discarded` lists the others. A scan without an order gets the same values from
 //! its nearest neighbours (`cloud`) and no triangles.
 
-mod blocks;
 mod builder;
 mod cloud;
 mod config;
@@ -24,7 +23,6 @@ pub(crate) mod test_scans;
 #[cfg(test)]
 mod tests;
 
-pub(crate) use blocks::{for_blocks, for_blocks2};
 pub use builder::{SurfaceBuilder, SurfaceError};
 pub use config::{SurfaceConfig, SurfaceConfigError};
 pub use discarded::DiscardedTriangle;

@@ -6,6 +6,7 @@ use super::discarded::DiscardedTriangle;
 use super::mesh::{CORNER_LINKS, TRIANGLE_CORNERS};
 use super::neighbours::NeighbourList;
 use super::topology::Topology;
+use crate::threads::for_blocks;
 
 /// The geometry of one point of the scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -153,7 +154,7 @@ impl Surface {
         self.link_steps = LINK_OFFSETS.map(|(down, across)| {
             (isize::from(down) * cols as isize + isize::from(across)).rem_euclid(cells.max(1)) as usize
         });
-        super::for_blocks(&mut self.links, cols, threads, |first_row, block| {
+        for_blocks(&mut self.links, cols, threads, |first_row, block| {
             for (offset, row_links) in block.chunks_mut(cols).enumerate() {
                 let row = first_row + offset;
                 let above = topology.row_before(row).map(|r| &triangles[r * cols..(r + 1) * cols]);

@@ -5,6 +5,7 @@ use super::grid::PlanningGrid;
 use super::plan::RawGain;
 use super::visibility::RayTable;
 use crate::information_map::{CellIndex, InformationMap, Zone, cells_of_line, incidence};
+use crate::threads;
 use nalgebra::Vector3;
 
 /// Predicts quality: D (3.27) with the D_A and D_I that a scan will measure.
@@ -148,21 +149,8 @@ fn ray(dx: i16, dy: i16, cell_m: f32, dz: f32) -> Vector3<f32> {
 /// the result does not depend on how many there are.
 pub(super) fn evaluate_all(model: &GainModel<'_>, places: &[(usize, f64)], threads: usize) -> Vec<RawGain> {
     let mut gains = vec![RawGain::default(); places.len()];
-    let share = places.len().div_ceil(threads.max(1)).max(1);
-    std::thread::scope(|scope| {
-        let evaluate = |(places, gains): (&[(usize, f64)], &mut [RawGain])| {
-            for (&(at, ground), gain) in places.iter().zip(gains) {
-                *gain = model.evaluate(at, ground);
-            }
-        };
-        let mut shares = places.chunks(share).zip(gains.chunks_mut(share));
-        // The first share is done here; a single thread starts no other.
-        let own = shares.next();
-        for other in shares {
-            scope.spawn(move || evaluate(other));
-        }
-        own.map(evaluate)
-    });
+    let pairs = places.iter().zip(&mut gains);
+    threads::for_each(pairs, threads.min(places.len()), |(&(at, ground), gain)| *gain = model.evaluate(at, ground));
     gains
 }
 

@@ -1,9 +1,14 @@
-//! Row-blocked work: the rows of an output are cut into one block a thread. What a row becomes never depends on the
-//! block it lies in, so any number of threads gives the same bits.
+//! Row-blocked work: the rows of an output are cut into blocks. What a row becomes never depends on the block it lies
+//! in, so any number of threads gives the same bits.
+
+use super::for_each;
+
+/// So many blocks a thread: enough that all end at about the same time, few enough that blocks cost nothing.
+const BLOCKS_A_THREAD: usize = 4;
 
 /// The number of rows of one block.
 fn rows_per_block(items: usize, row_len: usize, threads: usize) -> usize {
-    (items / row_len.max(1)).div_ceil(threads.max(1)).max(1)
+    (items / row_len.max(1)).div_ceil(threads.saturating_mul(BLOCKS_A_THREAD).max(1)).max(1)
 }
 
 /// Calls `work(first_row, rows)` on blocks of whole rows of `out`; one thread runs in place, without allocation.
@@ -21,12 +26,8 @@ pub(crate) fn for_blocks<T: Send>(
         work(0, out);
         return;
     }
-    let work = &work;
-    std::thread::scope(|scope| {
-        for (block, rows_out) in out.chunks_mut(rows * row_len).enumerate() {
-            scope.spawn(move || work(block * rows, rows_out));
-        }
-    });
+    let blocks = out.chunks_mut(rows * row_len).enumerate();
+    for_each(blocks, threads, |(block, rows_out)| work(block * rows, rows_out));
 }
 
 /// As [`for_blocks`], for two outputs of equal length.
@@ -45,13 +46,9 @@ pub(crate) fn for_blocks2<T: Send, U: Send>(
         work(0, first, second);
         return;
     }
-    let work = &work;
-    std::thread::scope(|scope| {
-        let chunk = rows * row_len;
-        for (block, (a, b)) in first.chunks_mut(chunk).zip(second.chunks_mut(chunk)).enumerate() {
-            scope.spawn(move || work(block * rows, a, b));
-        }
-    });
+    let chunk = rows * row_len;
+    let blocks = first.chunks_mut(chunk).zip(second.chunks_mut(chunk)).enumerate();
+    for_each(blocks, threads, |(block, (a, b))| work(block * rows, a, b));
 }
 
 #[cfg(test)]
