@@ -31,7 +31,9 @@ impl PointScore {
     pub const NORMAL_Z_NEGATIVE: u16 = 1 << 2;
     /// Of the quad with corners a = (r, c) = this cell, b = (r, c+1), c = (r+1, c), d = (r+1, c+1), the triangle that
     /// leaves out corner k (a = 0 .. d = 3) is kept in the mesh when bit `KEPT_WITHOUT << k` is set. At most two of the
-    /// four are set.
+    /// four are set. In a grid that closes on itself the last row is followed by the first and the last column by the
+    /// first: r+1 and c+1 are taken modulo rows and columns. Cells of a last row or column that is not followed by the
+    /// first carry none of these bits.
     pub const KEPT_WITHOUT: u16 = 1 << 4;
 
     /// No information: the cell has no return.

@@ -1,6 +1,8 @@
 use super::*;
+use crate::analysis::{GroundHeight, ScoreConfig, Scorer};
 use crate::information_map::{CellState, MapBytesError, MapConfig, Zone, ZoneConfig};
 use crate::scan::Point;
+use crate::surface::{SurfaceBuilder, SurfaceConfig};
 use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 
@@ -38,7 +40,8 @@ fn flat_scan(sweeps: usize, step_deg: f64, reach: f64) -> (Vec<Point>, Vec<Point
             let azimuth = col as f64 * std::f64::consts::TAU / sweeps as f64;
             points.push(Point::new((range * azimuth.cos()) as f32, (range * azimuth.sin()) as f32, -1.0));
             let mut score = ground();
-            if row + 1 < rows && col + 1 < sweeps {
+            // The turn is a full one: the last sweep is followed by the first.
+            if row + 1 < rows {
                 score.flags |= PointScore::KEPT_WITHOUT | PointScore::KEPT_WITHOUT << 3;
             }
             scores.push(score);
@@ -101,8 +104,7 @@ fn kept_triangles_close_the_gaps_between_the_rings() {
     without.insert(ScanView::unordered(&points), &scores, &pose).unwrap();
     assert!(summary.triangles > 1000 && summary.triangles_clipped == 0);
     let holes = |map: &InformationMap| {
-        // The seam between the last and the first sweep has no triangles: leave a wedge out.
-        let inside = |x: i32, y: i32| (25..2000).contains(&(x * x + y * y)) && (y.abs() > 2 || x < 0);
+        let inside = |x: i32, y: i32| (25..2000).contains(&(x * x + y * y));
         (-50..50)
             .flat_map(|x| (-50..50).map(move |y| (x, y)))
             .filter(|&(x, y)| inside(x, y))
@@ -114,6 +116,46 @@ fn kept_triangles_close_the_gaps_between_the_rings() {
     for (_, cell) in with.known_cells() {
         assert!((cell.ground_height().unwrap()).abs() < 2e-3);
         assert!(cell.interpolated.count <= 4);
+    }
+}
+
+/// Ground scanned in a full turn at 5 deg a sweep, meshed and scored, as rows of rings or as columns of rings.
+fn ring_scan(are_rings_rows: bool) -> (Vec<Point>, Vec<PointScore>, Grid) {
+    const SWEEPS: usize = 72;
+    const BEAMS: usize = 60;
+    let at = |sweep: usize, beam: usize| {
+        let azimuth = sweep as f32 * std::f32::consts::TAU / SWEEPS as f32;
+        let range = 1.0 / (0.75f32 - 0.0118 * beam as f32).tan();
+        Point::new(range * azimuth.cos(), range * azimuth.sin(), -1.0)
+    };
+    let (rows, cols) = if are_rings_rows { (BEAMS, SWEEPS) } else { (SWEEPS, BEAMS) };
+    let place = |i: usize| if are_rings_rows { at(i % cols, i / cols) } else { at(i / cols, i % cols) };
+    let points: Vec<Point> = (0..rows * cols).map(place).collect();
+    let grid = Grid { rows, cols };
+    let scan = ScanView::ordered(&points, grid).unwrap();
+    let mut builder = SurfaceBuilder::new();
+    let surface = builder.build(scan, &SurfaceConfig::default()).unwrap();
+    let config = ScoreConfig { scanner_height_m: Some(1.0), ..ScoreConfig::default() };
+    let level = nalgebra::UnitQuaternion::identity();
+    let height = GroundHeight::resolve(&config, scan, surface, &level);
+    let mut scores = vec![PointScore::NONE; points.len()];
+    Scorer::new().score(scan, surface, &level, height, &config, &mut scores).unwrap();
+    (points, scores, grid)
+}
+
+#[test]
+fn a_full_turn_has_no_gap_where_it_closes() {
+    for are_rings_rows in [true, false] {
+        let (points, scores, grid) = ring_scan(are_rings_rows);
+        let mut map = empty_map();
+        map.insert(ScanView::ordered(&points, grid).unwrap(), &scores, &Pose::identity()).unwrap();
+        // The seam lies between the directions -5 deg and 0: five cells wide at the farthest.
+        for x in 5..60 {
+            for y in -(x / 12)..=0 {
+                let state = map.state(CellIndex { x, y });
+                assert!(matches!(state, CellState::Known(c) if c > 0.6), "{x} {y}: {state:?}");
+            }
+        }
     }
 }
 
@@ -243,22 +285,4 @@ fn other_files_and_other_versions_are_told_apart() {
     let mut bytes = empty_map().to_bytes();
     bytes[8] = 9;
     assert_eq!(InformationMap::from_bytes(&bytes), Err(MapBytesError::Version { found: 9 }));
-}
-
-#[test]
-#[ignore = "a measurement, run by hand"]
-fn measure_insert() {
-    let (points, scores, grid) = flat_scan(1440, 0.159, 30.0);
-    let pose = Pose::translation(0.0, 0.0, 1.0);
-    let mut map = empty_map();
-    for scan in [ScanView::ordered(&points, grid).unwrap(), ScanView::unordered(&points)] {
-        for _ in 0..7 {
-            let start = std::time::Instant::now();
-            let summary = map.insert(scan, &scores, &pose).unwrap();
-            println!("{} points: {:.1} ms, {summary:?}", points.len(), start.elapsed().as_secs_f64() * 1e3);
-        }
-    }
-    let start = std::time::Instant::now();
-    let bytes = map.to_bytes();
-    println!("to_bytes: {} points: {:.1} ms", bytes.len(), start.elapsed().as_secs_f64() * 1e3);
 }

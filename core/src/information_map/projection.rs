@@ -74,13 +74,17 @@ impl<'a> Projection<'a> {
         cells: &[CellIndex],
     ) {
         const ANY_KEPT: u16 = PointScore::KEPT_WITHOUT * 0b1111;
-        for row in 0..grid.rows.saturating_sub(1) {
-            for col in 0..grid.cols.saturating_sub(1) {
-                let a = row * grid.cols + col;
+        let Grid { rows, cols } = grid;
+        for row in 0..rows {
+            // The quads of the last row and column lie across the seam; they keep triangles only where it is closed.
+            let below = if row + 1 < rows { row + 1 } else { 0 };
+            for col in 0..cols {
+                let a = row * cols + col;
                 if scores[a].flags & ANY_KEPT == 0 {
                     continue;
                 }
-                let quad = [a, a + 1, a + grid.cols, a + grid.cols + 1];
+                let right = if col + 1 < cols { col + 1 } else { 0 };
+                let quad = [a, row * cols + right, below * cols + col, below * cols + right];
                 let first = cells[quad[0]];
                 // Most quads lie within one cell, which has its own points.
                 if quad.iter().all(|&i| cells[i] == first) {

@@ -273,31 +273,3 @@ fn places_outside_the_work_area_are_refused_with_the_reason() {
     assert!(plan.rejected.len() <= ViewPlan::MAX_REJECTED);
     assert!(plan.candidates.iter().all(|c| c.position[0] <= 6.0));
 }
-
-#[test]
-#[ignore = "a measurement, run by hand"]
-fn measure_planning() {
-    let mut rows = field(333, 333);
-    for (k, row) in rows.iter_mut().enumerate() {
-        if k % 40 < 2 {
-            row.replace_range(30..150, &"#".repeat(120));
-            row.replace_range(200..300, &"#".repeat(100));
-        }
-        if k > 200 {
-            row.replace_range(250..333, &" ".repeat(83));
-        }
-    }
-    let map = map_of(&rows, 0.2);
-    for threads in [1, 2, 2] {
-        for mut strategy in strategies() {
-            let config = PlanningConfig { max_candidates: 113, ..Default::default() };
-            let start = std::time::Instant::now();
-            let plan = strategy.plan(&map, &Situation { threads, ..at(5.0, 5.0) }, &config);
-            let ms = start.elapsed().as_secs_f64() * 1e3;
-            println!("{}: {} candidates, {threads} threads: {ms:.1} ms", plan.strategy, plan.candidates.len());
-            let start = std::time::Instant::now();
-            survey::Survey::new(&map, &at(5.0, 5.0), &config).unwrap();
-            println!("  of it grid and tree: {:.1} ms", start.elapsed().as_secs_f64() * 1e3);
-        }
-    }
-}
