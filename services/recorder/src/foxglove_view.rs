@@ -17,6 +17,8 @@ use mirador_ipc_schema::messages::{
     PointScore, PoseCorrection, ScanId, Waypoint,
 };
 
+use mirador_ipc_schema::topics::{self, Topic};
+
 use crate::write::Stamps;
 use crate::{RunWriter, WriteError};
 
@@ -77,6 +79,28 @@ impl FoxgloveView {
         Self { most_points, waiting: BTreeMap::new(), trajectory: BTreeMap::new(), tiles: BTreeMap::new() }
     }
 
+    /// Takes in a message that an earlier incarnation recorded, so that trajectory and map go on where they were.
+    pub(crate) fn restore(&mut self, topic: &str, data: &[u8]) {
+        match topic {
+            "alignment" => {
+                if let Some((meta, _)) = unpack::<topics::Alignment>(data) {
+                    self.place_scan(&meta);
+                }
+            }
+            "pose_corrections" => {
+                if let Some((_, corrections)) = unpack::<topics::PoseCorrections>(data) {
+                    self.correct(&corrections);
+                }
+            }
+            "information_map" => {
+                if let Some((_, tiles)) = unpack::<topics::InformationMap>(data) {
+                    self.keep_tiles(&tiles);
+                }
+            }
+            _ => {}
+        }
+    }
+
     /// Keeps a thinned copy of a scan.
     pub(crate) fn scan(&mut self, header: &Header, points: &[Point]) {
         let step = points.len().div_ceil(self.most_points).max(1);
@@ -92,15 +116,13 @@ impl FoxgloveView {
     /// The pose of a scan: its cloud if the scores are there, the transform and the trajectory.
     pub(crate) fn alignment(&mut self, out: &mut RunWriter, meta: &AlignmentMeta) -> Result<(), WriteError> {
         let scan = meta.header.scan();
-        let pose = geometry::pose_from_rows(&meta.map_from_scanner);
-        let (Some(pose), true) = (pose, meta.status != ALIGNMENT_REJECTED) else {
+        let Some(pose) = self.place_scan(meta) else {
             self.waiting.remove(&scan);
             return Ok(());
         };
         if let Some(thinned) = self.waiting.get_mut(&scan) {
             thinned.map_from_scanner = Some(pose);
         }
-        self.trajectory.insert(scan, pose);
         let drawn = draw_pose(&pose);
         let transform = FrameTransform {
             timestamp: Some(stamp(&meta.header)),
@@ -121,14 +143,7 @@ impl FoxgloveView {
         header: &Header,
         corrections: &[PoseCorrection],
     ) -> Result<(), WriteError> {
-        for correction in corrections {
-            let scan = ScanId::unpack(correction.id).scan;
-            if let (Some(old), Some(new)) =
-                (self.trajectory.get_mut(&scan), geometry::pose_from_rows(&correction.map_from_scanner))
-            {
-                *old = new;
-            }
-        }
+        self.correct(corrections);
         self.draw_trajectory(out, header)
     }
 
@@ -178,12 +193,35 @@ impl FoxgloveView {
 
     /// Tiles of the map; the picture follows with the last part of an update.
     pub(crate) fn map(&mut self, out: &mut RunWriter, meta: &MapMeta, tiles: &[MapTile]) -> Result<(), WriteError> {
-        for tile in tiles {
-            self.tiles.insert((tile.tile_x, tile.tile_y), Box::new(*tile));
-        }
+        self.keep_tiles(tiles);
         match (meta.part + 1 >= meta.parts, self.grid(meta)) {
             (true, Some(grid)) => out.view(GRID, stamps(&meta.header), &grid),
             _ => Ok(()),
+        }
+    }
+
+    /// Enters the pose of an aligned scan in the trajectory.
+    fn place_scan(&mut self, meta: &AlignmentMeta) -> Option<geometry::Pose> {
+        let pose = geometry::pose_from_rows(&meta.map_from_scanner)?;
+        if meta.status == ALIGNMENT_REJECTED {
+            return None;
+        }
+        self.trajectory.insert(meta.header.scan(), pose);
+        Some(pose)
+    }
+
+    fn correct(&mut self, corrections: &[PoseCorrection]) {
+        for correction in corrections {
+            let old = self.trajectory.get_mut(&ScanId::unpack(correction.id).scan);
+            if let (Some(old), Some(new)) = (old, geometry::pose_from_rows(&correction.map_from_scanner)) {
+                *old = new;
+            }
+        }
+    }
+
+    fn keep_tiles(&mut self, tiles: &[MapTile]) {
+        for tile in tiles {
+            self.tiles.insert((tile.tile_x, tile.tile_y), Box::new(*tile));
         }
     }
 
@@ -254,6 +292,16 @@ impl FoxgloveView {
             data: data.into(),
         })
     }
+}
+
+/// Meta part and items of a raw record; `None` when it is not of that topic.
+fn unpack<T: Topic>(data: &[u8]) -> Option<(T::Meta, Vec<T::Item>)> {
+    let (front, rest) = data.split_at_checked(size_of::<T::Meta>())?;
+    let items = rest.chunks_exact(size_of::<T::Item>());
+    if !items.remainder().is_empty() {
+        return None;
+    }
+    Some((bytemuck::pod_read_unaligned(front), items.map(bytemuck::pod_read_unaligned).collect()))
 }
 
 /// Packed fields of the same type, one behind the other.
@@ -336,7 +384,8 @@ mod tests {
         assert_eq!(cloud.data.len(), 95 * 16);
         let second: Vec<f32> =
             cloud.data[16..32].chunks(4).map(|b| f32::from_le_bytes(b.try_into().unwrap())).collect();
-        assert_eq!(second, [0.1, -0.1, 0.5, 1.0]);
+        let tenth = points(0, 11)[10];
+        assert_eq!(second, [tenth.x, tenth.y, tenth.z, 1.0]);
     }
 
     #[test]
@@ -361,6 +410,16 @@ mod tests {
         });
         let x = |bytes: &Vec<u8>| PosesInFrame::decode(bytes.as_slice()).unwrap().poses[0].position.unwrap().x;
         assert_eq!(poses.iter().map(x).collect::<Vec<_>>(), [2.5, 4.0]);
+    }
+
+    #[test]
+    fn trajectory_and_map_go_on_where_an_earlier_incarnation_left_them() {
+        let poses = drawn(POSES, |view, out| {
+            view.restore("alignment", bytemuck::bytes_of(&aligned(0)));
+            view.restore("alignment", &[1, 2, 3]);
+            view.alignment(out, &aligned(1)).unwrap();
+        });
+        assert_eq!(PosesInFrame::decode(poses[0].as_slice()).unwrap().poses.len(), 2);
     }
 
     #[test]

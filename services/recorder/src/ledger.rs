@@ -3,9 +3,9 @@
 //! A message comes twice when a reader that restarts gets the history of a topic, or when a publisher that restarts
 //! refills what died with it.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-use mirador_ipc_schema::Header;
+use mirador_ipc_schema::{Header, ScanId};
 
 /// More messages than a topic's publishers keep as history together.
 const REMEMBERED: usize = 64;
@@ -76,6 +76,27 @@ impl Ledger {
     }
 }
 
+impl Ledger {
+    /// Whether a later scan is complete while the one that is due is not.
+    pub(crate) fn is_overtaken(&self) -> bool {
+        self.open.range(self.finished + 1..).any(|(_, topics)| *topics == self.required.len())
+    }
+
+    /// The scans from the one that is due to the last one seen whose points were not recorded.
+    pub(crate) fn missing_scans(&self) -> Vec<u32> {
+        let Some(pages) = self.pages.get("scan") else { return Vec::new() };
+        let numbers: BTreeSet<u32> = pages.scans.keys().map(|id| ScanId::unpack(*id).scan).collect();
+        let last = numbers.last().copied().unwrap_or(0);
+        (self.finished..last).filter(|scan| !numbers.contains(scan)).collect()
+    }
+
+    /// Counts the scan that is due as finished although it is not complete.
+    pub(crate) fn give_up(&mut self) {
+        self.open.remove(&self.finished);
+        self.finished += 1;
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,6 +132,17 @@ mod tests {
         assert!(ledger.admit("scan", &header(0, 5)));
         let again = Header { sequence: 17, incarnation: 1, ..header(0, 99) };
         assert!(!ledger.admit("scan", &again));
+    }
+
+    #[test]
+    fn a_scan_that_never_comes_can_be_given_up() {
+        let mut ledger = Ledger::new(vec!["scan"]);
+        assert!(!ledger.is_overtaken());
+        assert!(ledger.admit("scan", &header(1, 5)));
+        assert!(ledger.is_overtaken());
+        assert_eq!(ledger.missing_scans(), [0]);
+        ledger.give_up();
+        assert_eq!((ledger.finished(), ledger.is_overtaken()), (2, false));
     }
 
     #[test]

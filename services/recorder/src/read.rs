@@ -157,7 +157,14 @@ impl RunReader {
             return Err(ReadError::Empty { path: path.into() });
         }
         for chunk in 0..reader.chunks.len() {
-            reader.find_messages(chunk, &mut declared)?;
+            match reader.find_messages(chunk, &mut declared) {
+                // Of a recording that was cut off, the end may be there in length but not in content.
+                Err(ReadError::Damaged { .. }) if !reader.complete && chunk > 0 => {
+                    reader.entries.retain(|e| e.chunk < chunk);
+                    break;
+                }
+                found => found?,
+            }
         }
         reader.check(declared)?;
         Ok(reader)

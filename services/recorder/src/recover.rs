@@ -6,6 +6,7 @@ use bytemuck::Zeroable;
 use mirador_ipc_schema::Header;
 use mirador_ipc_schema::topics;
 
+use crate::foxglove_view::FoxgloveView;
 use crate::ledger::Ledger;
 use crate::{CHANNEL_PREFIX, ReadError, RecorderConfig, RunReader, RunWriter, WriteError};
 
@@ -37,6 +38,7 @@ pub(crate) fn recover(
     path: &Path,
     config: &RecorderConfig,
     ledger: &mut Ledger,
+    view: Option<&mut FoxgloveView>,
     progress: &mut dyn FnMut(),
 ) -> Result<RunWriter, RecoverError> {
     let mut old = match RunReader::open(path) {
@@ -50,16 +52,26 @@ pub(crate) fn recover(
     // Beside the old file until it is whole: if this process dies too, the next one finds the old file again.
     let fresh = path.with_extension("mcap.recovering");
     let mut writer = RunWriter::create(&fresh, config)?;
-    let mut copied = 0_u64;
-    old.for_each_record::<RecoverError>(|channel, stamps, data| {
+    let (mut copied, mut view) = (0_u64, view);
+    let copying = old.for_each_record::<RecoverError>(|channel, stamps, data| {
         if let Some(topic) = channel.strip_prefix(CHANNEL_PREFIX) {
             enter(ledger, topic, data);
+            if let Some(view) = &mut view {
+                view.restore(topic, data);
+            }
         }
-        writer.write(channel, stamps, data)?;
+        writer.copy(channel, stamps, data)?;
         copied += 1;
         progress();
         Ok(())
-    })?;
+    });
+    match copying {
+        // After a power cut a chunk may be there in length but not in content.
+        Err(RecoverError::Read(error @ ReadError::Damaged { .. })) => {
+            tracing::warn!(%error, "the recording is gone on with from there");
+        }
+        other => other?,
+    }
     writer.flush()?;
     writer.moved_to(path).map_err(|source| RecoverError::Replace { path: path.into(), source })?;
     tracing::info!(messages = copied, path = %path.display(), "went on with an earlier recording");
@@ -100,7 +112,7 @@ mod tests {
         for end in (0..=bytes.len()).step_by(bytes.len() / 60) {
             std::fs::write(&path, &bytes[..end]).unwrap();
             let mut ledger = ledger();
-            let mut writer = recover(&path, &small_chunks(), &mut ledger, &mut || {}).unwrap();
+            let mut writer = recover(&path, &small_chunks(), &mut ledger, None, &mut || {}).unwrap();
             let finished = ledger.finished();
             assert!(finished >= most, "a longer file has more finished scans");
             most = finished;
@@ -124,6 +136,26 @@ mod tests {
     }
 
     #[test]
+    fn a_chunk_without_its_content_ends_what_is_recovered() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        record_run(&path, &RecorderConfig::default(), 3, 60);
+        let mut bytes = std::fs::read(&path).unwrap();
+        let point = points(2, 60)[7];
+        let at = bytes.windows(16).position(|w| w == bytemuck::bytes_of(&point)).unwrap();
+        for lost in [at..at + 64, at - 300..at + 600] {
+            bytes[lost].fill(0);
+            bytes.truncate(bytes.len() - 20);
+            std::fs::write(&path, &bytes).unwrap();
+            let mut ledger = ledger();
+            let writer = recover(&path, &small_chunks(), &mut ledger, None, &mut || {}).unwrap();
+            assert_eq!(ledger.finished(), 2);
+            writer.finish().unwrap();
+            assert_eq!(RunReader::open(&path).unwrap().scan_index(), [0, 1]);
+        }
+    }
+
+    #[test]
     fn the_recording_of_another_program_is_left_alone() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap");
@@ -133,7 +165,7 @@ mod tests {
         other.finish().unwrap();
         drop(other);
         std::fs::write(&path, &bytes).unwrap();
-        let result = recover(&path, &small_chunks(), &mut ledger(), &mut || {});
+        let result = recover(&path, &small_chunks(), &mut ledger(), None, &mut || {});
         assert!(matches!(result, Err(RecoverError::Read(ReadError::NotOurs { .. }))));
         assert_eq!(std::fs::read(&path).unwrap(), bytes);
     }
@@ -144,7 +176,7 @@ mod tests {
         let path = folder.path().join("run.mcap");
         record_run(&path, &small_chunks(), 2, 10);
         let mut ledger = ledger();
-        recover(&path, &small_chunks(), &mut ledger, &mut || {}).unwrap();
+        recover(&path, &small_chunks(), &mut ledger, None, &mut || {}).unwrap();
         assert_eq!(ledger.finished(), 2);
         assert!(!ledger.admit("scan", &crate::testing::header(1, 77)));
         assert!(ledger.admit("scan", &crate::testing::header(2, 78)));

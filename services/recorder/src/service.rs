@@ -4,7 +4,9 @@ use std::any::Any;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use mirador_ipc_schema::messages::{AlignmentMeta, MapMeta, Meta, ServiceHealth};
+use mirador_ipc_schema::messages::{
+    AlignmentMeta, Envelope, Header, MapMeta, Meta, ScanId, ScanRequest, ScanRequestKind, ServiceHealth,
+};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::topics::{self, Topic};
 use mirador_ipc_schema::{JoinError, Participant, PortError, ReceiveFailure, Subscriber, Wakeable, for_each_topic};
@@ -16,6 +18,11 @@ use crate::{ConfigError, RUN_FILE, ReadError, RecorderConfig, RecoverError, RunR
 
 /// After a stop the recorder takes what is still there for at most this long.
 const LAST_ORDERS: Duration = Duration::from_secs(5);
+
+/// A missing scan is asked for again after this long.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+/// A scan that is incomplete while later ones are complete is given up after this long.
+const GIVE_UP: Duration = Duration::from_secs(10);
 
 /// Why the recorder cannot go on.
 #[derive(Debug, thiserror::Error)]
@@ -69,6 +76,8 @@ fn record(
     let ports: Vec<&dyn Wakeable> = taps.iter().map(|tap| tap.port()).collect();
     let mut recorder = Recorder::open(setup, config, &mut || health.heartbeat(participant))?;
     health.running(participant);
+    let requests = participant.publisher::<topics::ScanRequests>()?;
+    let mut gaps = Gaps::new();
     let mut stopped: Option<Instant> = None;
     loop {
         if stopped.is_none() {
@@ -80,6 +89,13 @@ fn record(
             received += tap.drain(&mut recorder)?;
         }
         recorder.flush()?;
+        for scan in gaps.requests(&mut recorder.ledger) {
+            let id = ScanId { robot: 0, run: setup.run, scan }.pack();
+            let request = ScanRequest { kind: ScanRequestKind::RESEND, scan, reserved: 0 };
+            if let Err(error) = requests.send_one(Envelope { header: Header::new(id, 0) }, request) {
+                tracing::warn!(scan, %error, "a missing scan could not be asked for");
+            }
+        }
         let finished = recorder.ledger.finished();
         if finished > health.finished_scans() {
             health.finished(participant, finished, began.elapsed());
@@ -98,6 +114,39 @@ fn record(
     Ok(())
 }
 
+/// Watches for scans that the recorder has missed.
+struct Gaps {
+    /// Number of finished scans, and since when.
+    finished: (u32, Instant),
+    asked: Option<Instant>,
+}
+
+impl Gaps {
+    fn new() -> Self {
+        Self { finished: (0, Instant::now()), asked: None }
+    }
+
+    /// The missing scans, once in a while. What does not come in spite of it is given up, so that a loss that cannot be
+    /// mended is reported instead of holding up the graph for ever.
+    fn requests(&mut self, ledger: &mut Ledger) -> Vec<u32> {
+        let finished = ledger.finished();
+        if finished != self.finished.0 || !ledger.is_overtaken() {
+            self.finished = (finished, Instant::now());
+            return Vec::new();
+        }
+        if self.finished.1.elapsed() > GIVE_UP {
+            tracing::error!(scan = finished, "the recording of this scan is incomplete: its messages did not come");
+            ledger.give_up();
+            return Vec::new();
+        }
+        if self.asked.is_some_and(|at| at.elapsed() < ASK_AGAIN) {
+            return Vec::new();
+        }
+        self.asked = Some(Instant::now());
+        ledger.missing_scans()
+    }
+}
+
 /// The recording in progress.
 struct Recorder {
     writer: RunWriter,
@@ -113,12 +162,12 @@ impl Recorder {
     fn open(setup: &ServiceSetup, config: &RecorderConfig, progress: &mut dyn FnMut()) -> Result<Self, RecorderError> {
         let path = setup.run_dir.join(RUN_FILE);
         let mut ledger = Ledger::new(config.acknowledged());
+        let mut view = config.foxglove.then(|| FoxgloveView::new(config.foxglove_points));
         let writer = if path.exists() && (setup.incarnation > 0 || was_cut_off(&path)) {
-            recover(&path, config, &mut ledger, progress)?
+            recover(&path, config, &mut ledger, view.as_mut(), progress)?
         } else {
             RunWriter::create(&path, config)?
         };
-        let view = config.foxglove.then(|| FoxgloveView::new(config.foxglove_points));
         Ok(Self { writer, ledger, view, services: BTreeMap::new(), urgent: false })
     }
 

@@ -1,6 +1,6 @@
 use super::*;
 use crate::testing::{header, points};
-use mirador_ipc_schema::messages::{Envelope, PointScore, ScanMeta, ScoredScanMeta, ViewPlanMeta};
+use mirador_ipc_schema::messages::{PointScore, ScanMeta, ScoredScanMeta, ViewPlanMeta};
 use mirador_ipc_schema::topics::Sizes;
 use mirador_ipc_schema::{Domain, StopSignal, Wake};
 use std::path::Path;
@@ -120,6 +120,22 @@ fn the_service_records_what_is_said_and_acknowledges_whole_scans() {
     drop((health, scans, alignments, scores, plans));
     drop(peer);
     let _ = setup.domain.remove_all();
+}
+
+#[test]
+fn a_scan_that_was_overtaken_is_asked_for_once_in_a_while() {
+    let mut ledger = Ledger::new(vec!["scan"]);
+    let mut gaps = Gaps::new();
+    assert!(ledger.admit("scan", &header(0, 1)));
+    assert!(gaps.requests(&mut ledger).is_empty());
+    assert!(ledger.admit("scan", &header(3, 4)));
+    assert_eq!(gaps.requests(&mut ledger), [1, 2]);
+    assert!(gaps.requests(&mut ledger).is_empty(), "not twice in a row");
+    for scan in [1, 2] {
+        assert!(ledger.admit("scan", &header(scan, 9)));
+    }
+    assert!(gaps.requests(&mut ledger).is_empty());
+    assert_eq!(ledger.finished(), 4);
 }
 
 #[test]

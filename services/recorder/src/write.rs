@@ -56,8 +56,10 @@ pub struct RunStatistics {
 pub struct RunWriter {
     path: PathBuf,
     writer: mcap::Writer<BufWriter<File>>,
-    /// Channel of every topic, under its channel name.
-    channels: BTreeMap<String, u16>,
+    /// Channels of the raw records, under the topic's name.
+    raw: BTreeMap<&'static str, u16>,
+    /// Channels of the view.
+    view: BTreeMap<&'static str, u16>,
     /// A message as one piece, as the MCAP library wants it; reused.
     scratch: Vec<u8>,
     messages: u64,
@@ -81,7 +83,14 @@ impl RunWriter {
             .chunk_size(Some(config.chunk_bytes))
             .create(BufWriter::with_capacity(1 << 18, file))
             .map_err(|e| failure(path, &e))?;
-        let mut run = Self { path: path.into(), writer, channels: BTreeMap::new(), scratch: Vec::new(), messages: 0 };
+        let mut run = Self {
+            path: path.into(),
+            writer,
+            raw: BTreeMap::new(),
+            view: BTreeMap::new(),
+            scratch: Vec::new(),
+            messages: 0,
+        };
         run.declare(config.foxglove).map_err(|e| failure(path, &e))?;
         run.flush()?;
         Ok(run)
@@ -93,14 +102,14 @@ impl RunWriter {
             let name = format!("{CHANNEL_PREFIX}{}", topic.rules.name);
             let schema = self.writer.add_schema(&name, SCHEMA_ENCODING, (topic.describe)().as_bytes())?;
             let channel = self.writer.add_channel(schema, &name, MESSAGE_ENCODING, &no_metadata)?;
-            self.channels.insert(name, channel);
+            self.raw.insert(topic.rules.name, channel);
         }
         if view {
             for channel in VIEW_CHANNELS {
                 let (schema, encoding) = (channel.declaration)();
                 let id = self.writer.add_schema(&schema.name, &schema.encoding, &schema.data)?;
                 let id = self.writer.add_channel(id, channel.topic, &encoding, &no_metadata)?;
-                self.channels.insert(channel.topic.to_owned(), id);
+                self.view.insert(channel.topic, id);
             }
         }
         Ok(())
@@ -135,7 +144,7 @@ impl RunWriter {
             log_time: header.sent_ns,
             publish_time: u64::try_from(header.stamp_ns).unwrap_or(0),
         };
-        let written = self.write(&format!("{CHANNEL_PREFIX}{}", T::RULES.name), stamps, &scratch);
+        let written = self.write(self.raw.get(T::RULES.name).copied(), stamps, &scratch);
         self.scratch = scratch;
         written
     }
@@ -147,14 +156,23 @@ impl RunWriter {
         let encoded = message
             .encode(&mut scratch)
             .map_err(|e| WriteError::Write { path: self.path.clone(), reason: format!("view {topic}: {e}") });
-        let written = encoded.and_then(|()| self.write(topic, stamps, &scratch));
+        let written = encoded.and_then(|()| self.write(self.view.get(topic).copied(), stamps, &scratch));
         self.scratch = scratch;
         written
     }
 
-    /// Writes the bytes of a message on a channel; channels that this build does not know are left out.
-    pub(crate) fn write(&mut self, channel: &str, stamps: Stamps, data: &[u8]) -> Result<(), WriteError> {
-        let Some(&channel_id) = self.channels.get(channel) else { return Ok(()) };
+    /// Copies a message of another recording; channels that this build or this configuration does not have are left
+    /// out.
+    pub(crate) fn copy(&mut self, channel: &str, stamps: Stamps, data: &[u8]) -> Result<(), WriteError> {
+        let id = match channel.strip_prefix(CHANNEL_PREFIX) {
+            Some(topic) => self.raw.get(topic),
+            None => self.view.get(channel),
+        };
+        self.write(id.copied(), stamps, data)
+    }
+
+    fn write(&mut self, channel: Option<u16>, stamps: Stamps, data: &[u8]) -> Result<(), WriteError> {
+        let Some(channel_id) = channel else { return Ok(()) };
         let Stamps { sequence, log_time, publish_time } = stamps;
         let header = MessageHeader { channel_id, sequence, log_time, publish_time };
         self.writer.write_to_known_channel(&header, data).map_err(|e| failure(&self.path, &e))?;

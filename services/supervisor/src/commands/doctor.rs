@@ -1,7 +1,3 @@
-<<<<<<< HEAD
-pub fn doctor(_c: &crate::cli::Common, _f: bool) -> anyhow::Result<u8> {
-    anyhow::bail!("x")
-=======
 //! `mirador doctor`: what on this machine would get in the way of a graph, and what to do about it.
 
 mod domains;
@@ -147,5 +143,4 @@ mod tests {
         assert!(render(&[Finding::ok("cores", "2")]).ends_with("nothing is in the way\n"));
         assert!(render(&[Finding::warning("cores", "1")]).contains("warnings: 1"));
     }
->>>>>>> tools
 }

@@ -1,7 +1,3 @@
-<<<<<<< HEAD
-pub fn top(_c: &crate::cli::Common, _o: bool, _j: bool) -> anyhow::Result<u8> {
-    anyhow::bail!("x")
-=======
 //! `mirador top`: what the processes of a running graph do, live.
 //!
 //! A viewer must never hold up what it views: results wait for slow readers. So one thread does nothing but take in
@@ -19,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use mirador_ipc_schema::{Domain, Participant, StopSignal, clock};
+use mirador_ipc_schema::{Domain, StopSignal, clock};
 
 use self::find::Found;
 use self::listen::Listening;
@@ -62,6 +58,9 @@ pub fn top(common: &Common, once: bool, json: bool) -> Result<u8> {
     } else {
         show_live(&domain, &listening, &wishes, &output)
     };
+    if wishes.suspended.load(Ordering::Relaxed) {
+        eprintln!("ended: a suspended viewer would hold up the graph");
+    }
     let heard = listening.end();
     find::tidy(&domain);
     let code = shown?;
@@ -158,6 +157,8 @@ fn over_the_last(text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use mirador_ipc_schema::Participant;
+
     use super::*;
 
     #[test]
@@ -167,7 +168,33 @@ mod tests {
     }
 
     #[test]
-    fn an_exit_without_any_graph_is_a_failure() {
+    fn a_service_that_reports_is_heard() {
+        let name = format!("top-hear-{}", std::process::id());
+        let domain = Domain::new(&name).unwrap();
+        let sizes = mirador_ipc_schema::Sizes { scan_points: 1 };
+        let wake = mirador_ipc_schema::Wake::Event;
+        let service = Participant::join(domain.clone(), "planning", 0, sizes, wake, StopSignal::default()).unwrap();
+        let mut health = mirador_ipc_schema::service::HealthReporter::open(&service, "planning").unwrap();
+        health.running(&service);
+        let listening = Listening::start(domain.clone(), StopSignal::default()).unwrap();
+        let peers = find::peers_of_graph(&domain).unwrap();
+        let begin = Instant::now();
+        while !listening.state(|state| state.has_heard(&peers)) {
+            assert!(begin.elapsed() < Duration::from_secs(20), "nothing was heard");
+            std::thread::sleep(LOOK);
+            health.heartbeat(&service);
+        }
+        let snapshot = listening.state(|state| state.snapshot(clock::monotonic_ns(), &name, &peers));
+        assert_eq!(snapshot.services.len(), 1);
+        assert_eq!((snapshot.services[0].pid, snapshot.notes.len()), (std::process::id(), 0));
+        listening.end().unwrap();
+        drop((health, service));
+        find::tidy(&domain);
+        assert!(domain.segments().is_empty());
+    }
+
+    #[test]
+    fn a_domain_without_a_graph_is_told_and_left_alone() {
         let name = format!("top-none-{}", std::process::id());
         assert!(matches!(find::running(Some(&name)).unwrap(), Found::Nothing(_)));
         assert!(!Domain::new(&name).unwrap().root().exists(), "looking must leave nothing behind");
@@ -188,5 +215,4 @@ mod tests {
         find::tidy(&domain);
         assert!(domain.segments().is_empty() && !domain.root().exists());
     }
->>>>>>> tools
 }

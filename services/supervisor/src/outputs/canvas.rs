@@ -22,6 +22,7 @@ impl Canvas {
         Self { width, height, pixels: background.repeat(width * height) }
     }
 
+    #[cfg(test)]
     pub(super) fn size(&self) -> (usize, usize) {
         (self.width, self.height)
     }
@@ -75,7 +76,7 @@ impl Canvas {
         }
     }
 
-    /// Writes capital letters, digits, point and minus; anything else is a gap.
+    /// Writes digits and the letters of the headings; anything else is a gap.
     pub(super) fn text(&mut self, x: i64, y: i64, size: i64, text: &str, colour: Colour) {
         for (k, letter) in (0..).zip(text.chars()) {
             let glyph = glyph(letter);
@@ -85,11 +86,6 @@ impl Canvas {
                 }
             }
         }
-    }
-
-    /// Width of a text [pixels].
-    pub(super) fn text_width(text: &str, size: i64) -> i64 {
-        text.chars().count() as i64 * LETTER * size
     }
 
     /// The picture as a PNG file.
@@ -108,7 +104,9 @@ impl Canvas {
 
 /// The rows of a letter, five bits each.
 fn glyph(letter: char) -> [u8; 7] {
-    match letter.to_ascii_uppercase() {
+    match letter {
+        // The unit of lengths.
+        'm' => [0, 0, 26, 21, 21, 21, 21],
         '0' => [14, 17, 19, 21, 25, 17, 14],
         '1' => [4, 12, 4, 4, 4, 4, 14],
         '2' => [14, 17, 1, 2, 4, 8, 31],

@@ -21,6 +21,19 @@ const TRAJECTORY: Colour = [25, 60, 160];
 const CANDIDATE: Colour = [90, 30, 120];
 const CHOSEN: Colour = [220, 0, 180];
 
+/// One of the two pictures.
+struct Panel {
+    title: &'static str,
+    /// What is drawn of a cell, stored as `value * 65535`.
+    value: fn(&MapCell) -> u16,
+    colour: fn(f64) -> Colour,
+}
+
+const PANELS: [Panel; 2] = [
+    Panel { title: "NAVIGABILITY", value: |cell| cell.navigability, colour: red_to_green },
+    Panel { title: "QUALITY", value: |cell| cell.quality, colour: blue_to_yellow },
+];
+
 /// The part of the map that is drawn, and how large.
 struct Window {
     /// Lower left corner [m].
@@ -85,9 +98,7 @@ pub(super) fn draw(data: &RunData) -> Canvas {
     let column = width.max(220);
     let size = (3 * MARGIN + 2 * column, 2 * MARGIN + 2 * LINE + height);
     let mut canvas = Canvas::new(size.0.unsigned_abs() as usize, size.1.unsigned_abs() as usize, PAPER);
-    let panels: [(&str, fn(&MapCell) -> u16, fn(f64) -> Colour); 2] =
-        [("NAVIGABILITY", |c| c.navigability, red_to_green), ("QUALITY", |c| c.quality, blue_to_yellow)];
-    for (k, (title, value, colour)) in (0..).zip(panels) {
+    for (k, Panel { title, value, colour }) in (0..).zip(PANELS) {
         let (left, top) = (MARGIN + k * (column + MARGIN), MARGIN + LINE);
         canvas.text(left, MARGIN, 2, title, INK);
         for y in 0..height {
@@ -167,7 +178,7 @@ fn draw_scale_bar(canvas: &mut Canvas, window: &Window, y: i64) {
     canvas.rectangle(MARGIN, y + 6, pixels, 4, INK);
     canvas.rectangle(MARGIN, y, 2, 16, INK);
     canvas.rectangle(MARGIN + pixels - 2, y, 2, 16, INK);
-    let label = if length < 1.0 { format!("{length:.1} M") } else { format!("{length:.0} M") };
+    let label = if length < 1.0 { format!("{length:.1} m") } else { format!("{length:.0} m") };
     canvas.text(MARGIN + pixels + 8, y + 2, 2, &label, INK);
 }
 

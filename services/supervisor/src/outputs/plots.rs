@@ -29,6 +29,7 @@ pub(super) fn latency(data: &RunData) -> Result<String, OutputError> {
     let most = values().map(|(_, ms)| *ms).fold(1.0, f64::max);
     let last = values().map(|(scan, _)| *scan).max().unwrap_or(0).max(1);
     let mut svg = String::new();
+    // The free space above is for the legend.
     {
         let root = SVGBackend::with_string(&mut svg, (860, 340)).into_drawing_area();
         root.fill(&WHITE).map_err(|e| failure(&e))?;
@@ -36,7 +37,7 @@ pub(super) fn latency(data: &RunData) -> Result<String, OutputError> {
             .margin(12)
             .x_label_area_size(36)
             .y_label_area_size(60)
-            .build_cartesian_2d(0..last, 0.0..most * 1.05)
+            .build_cartesian_2d(0..last, 0.0..most * 1.35)
             .map_err(|e| failure(&e))?;
         chart.configure_mesh().light_line_style(WHITE).x_desc("scan").y_desc("ms").draw().map_err(|e| failure(&e))?;
         for ((name, points), colour) in series.iter().zip(COLOURS) {

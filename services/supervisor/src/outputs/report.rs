@@ -18,7 +18,7 @@ table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums;font
 th,td{padding:.25em .6em;text-align:right;border-bottom:1px solid #eee;vertical-align:top}\
 th{background:#f6f6f6;font-weight:600}td.t,th.t{text-align:left}tr.bad td{color:#b3261e}\
 img,svg{max-width:100%;height:auto}pre{background:#f6f6f6;padding:1em;overflow:auto;font-size:.85em}\
-.note{color:#666}.wide{overflow-x:auto}";
+.note{color:#666}.one{white-space:nowrap}.wide{overflow-x:auto}";
 
 /// Renders the report.
 pub(super) fn render(
@@ -161,7 +161,7 @@ fn decision_table(data: &RunData) -> Markup {
                     td { (record.number()) }
                     @match chosen {
                         Some(c) => {
-                            td.t { (format!("go to ({:.2}, {:.2})", c.position[0], c.position[1])) }
+                            td.t.one { (format!("go to ({:.2}, {:.2})", c.position[0], c.position[1])) }
                             @for value in [c.information, c.quality, c.zones, c.cost, c.utility] {
                                 td { (format!("{value:.3}")) }
                             }

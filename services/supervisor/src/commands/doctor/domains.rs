@@ -88,7 +88,10 @@ fn check_domain(domain: &Domain, uid: u32, fix: bool) -> Option<Finding> {
         return Some(Finding::problem(subject, text));
     }
     let peers = match Participant::peers(domain) {
-        Ok(peers) => peers,
+        Ok(mut peers) => {
+            peers.sort_by_key(|peer| peer.pid);
+            peers
+        }
         Err(error) => return Some(Finding::problem(subject, format!("cannot be looked at: {error}"))),
     };
     let (alive, dead): (Vec<Peer>, Vec<Peer>) = peers.into_iter().partition(|peer| peer.alive);
@@ -135,20 +138,24 @@ fn clean_dead_peers(domain: &Domain) -> Result<usize> {
 fn check_stale(domain: &Domain, subject: String, left: &Leftovers, fix: bool) -> Finding {
     if !fix {
         let text = format!(
-            "nobody is alive, but {} files with {} are left; remove them with: mirador doctor --fix",
-            left.files,
+            "nobody is alive, but {} with {} are left; remove with: mirador doctor --fix",
+            files(left.files),
             megabytes(left.bytes)
         );
         return Finding::warning(subject, text);
     }
     match remove_if_dead(domain) {
         Ok(Some(removed)) => {
-            let text = format!("nobody was alive; removed {} files, {}", removed.segments, megabytes(removed.bytes));
+            let text = format!("nobody was alive; removed {}, {}", files(removed.segments), megabytes(removed.bytes));
             Finding::ok(subject, text)
         }
         Ok(None) => Finding::ok(subject, "a graph has just started in it; nothing removed"),
         Err(error) => Finding::problem(subject, format!("nobody is alive, but: {error:#}; remove it by hand")),
     }
+}
+
+fn files(count: usize) -> String {
+    if count == 1 { "1 file".into() } else { format!("{count} files") }
 }
 
 /// Looks once more before it removes: a graph may have started since.
@@ -182,12 +189,12 @@ mod tests {
         let domain = domain_with_a_file("dead");
         let found = check_domain(&domain, uid(), false).unwrap();
         assert_eq!(found.level, Level::Warning);
-        assert!(found.text.contains("1 files") && found.text.contains("--fix"), "{}", found.text);
+        assert!(found.text.contains("1 file ") && found.text.contains("--fix"), "{}", found.text);
         assert_eq!(domain.segments().len(), 1);
 
         let fixed = check_domain(&domain, uid(), true).unwrap();
         assert_eq!(fixed.level, Level::Ok);
-        assert!(fixed.text.contains("removed 1 files"), "{}", fixed.text);
+        assert!(fixed.text.contains("removed 1 file,"), "{}", fixed.text);
         assert!(domain.segments().is_empty() && !domain.root().exists());
     }
 

@@ -24,7 +24,7 @@ struct Candidate {
 pub(super) fn check(common: &Common) -> Vec<Finding> {
     let mut findings = Vec::new();
     let mut candidates = vec![Candidate {
-        name: "standard graph".into(),
+        name: "the standard graph".into(),
         services: SERVICES.to_vec(),
         sizes: Sizes { scan_points: LARGEST_SCAN },
     }];
@@ -75,7 +75,7 @@ fn space_for(graph: &Candidate, free: u64, space: u64) -> Finding {
         Ok(needed) => Finding::ok(
             "shared memory",
             format!(
-                "/dev/shm has {} free of {}; the {} takes {} for scans of {} points",
+                "/dev/shm has {} free of {}; {} takes {} for scans of {} points",
                 megabytes(free),
                 megabytes(space),
                 graph.name,
@@ -141,7 +141,7 @@ mod tests {
 
     fn standard() -> Candidate {
         let sizes = Sizes { scan_points: LARGEST_SCAN };
-        Candidate { name: "standard graph".into(), services: SERVICES.to_vec(), sizes }
+        Candidate { name: "the standard graph".into(), services: SERVICES.to_vec(), sizes }
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! Which graph to look at.
 
+use std::time::Duration;
+
 use anyhow::Result;
-use mirador_ipc_schema::{Domain, Participant, Peer};
+use mirador_ipc_schema::{Domain, JoinError, Participant, Peer};
 
 use crate::UsageError;
 
@@ -9,6 +11,8 @@ use crate::UsageError;
 pub(super) const WATCHER: &str = "top-";
 /// Names of processes that join a domain only to look.
 const WATCHERS: [&str; 2] = [WATCHER, "doctor-"];
+/// How often a list of processes that failed is asked for again.
+const LOOKS: usize = 3;
 
 /// What the search came to.
 #[derive(Debug)]
@@ -62,14 +66,23 @@ fn choose(mut live: Vec<Domain>, wanted: Option<&str>) -> Result<Found, UsageErr
 ///
 /// # Errors
 /// When the domain cannot be read.
-pub(super) fn peers_of_graph(domain: &Domain) -> Result<Vec<Peer>> {
-    let mut peers = Participant::peers(domain)?;
+pub(super) fn peers_of_graph(domain: &Domain) -> Result<Vec<Peer>, JoinError> {
+    let mut listed = Participant::peers(domain);
+    for _ in 0..LOOKS {
+        if listed.is_ok() {
+            break;
+        }
+        // A process that comes or goes at this moment can spoil the list.
+        std::thread::sleep(Duration::from_millis(20));
+        listed = Participant::peers(domain);
+    }
+    let mut peers = listed?;
     peers.retain(|peer| peer.alive && !WATCHERS.iter().any(|prefix| peer.name.starts_with(prefix)));
     Ok(peers)
 }
 
-/// Removes the empty shell of a domain that nobody uses any more: what iceoryx2 leaves behind, and the folder that
-/// looking for processes makes again. What processes that were killed have left stays, for whoever resumes the run.
+/// Removes the empty shell of a domain in which nobody is, dead or alive: the last file, which iceoryx2 leaves behind,
+/// and the folder that looking for processes makes again.
 pub(super) fn tidy(domain: &Domain) {
     let empty = Participant::peers(domain).is_ok_and(|peers| peers.is_empty());
     if empty && let Err(error) = domain.remove_all() {

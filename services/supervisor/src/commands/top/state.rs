@@ -344,8 +344,9 @@ fn state_word(state: u32, age_ns: u64) -> &'static str {
     }
 }
 
+/// Whole microseconds are enough for anyone who looks.
 fn milliseconds(ns: u64) -> f64 {
-    ns as f64 * 1e-6
+    (ns / 1_000) as f64 / 1e3
 }
 
 #[cfg(test)]
