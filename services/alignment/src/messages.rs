@@ -62,6 +62,19 @@ pub(crate) fn hypothesis(hypothesis: &Hypothesis) -> messages::Hypothesis {
     }
 }
 
+/// A message as bytes: its meta part, then its items.
+pub(crate) fn to_bytes(meta: &AlignmentMeta, items: &[messages::Hypothesis]) -> Vec<u8> {
+    [bytemuck::bytes_of(meta), bytemuck::cast_slice(items)].concat()
+}
+
+/// The message of [`to_bytes`]; `None` when these are not its bytes.
+pub(crate) fn from_bytes(bytes: &[u8]) -> Option<(AlignmentMeta, Vec<messages::Hypothesis>)> {
+    let (meta, items) = bytes.split_at_checked(size_of::<AlignmentMeta>())?;
+    let (items, rest) = items.as_chunks::<{ size_of::<messages::Hypothesis>() }>();
+    let items = items.iter().map(|item| bytemuck::pod_read_unaligned(item)).collect();
+    rest.is_empty().then(|| (bytemuck::pod_read_unaligned(meta), items))
+}
+
 fn rows_from_matrix(matrix: &Matrix6<f64>) -> [f64; 36] {
     std::array::from_fn(|i| matrix[(i / 6, i % 6)])
 }
@@ -73,5 +86,21 @@ fn word(name: HypothesisName) -> &'static str {
         HypothesisName::PriorMotionWide => "prior motion, wide gate",
         HypothesisName::ConstantMotion => "constant motion",
         HypothesisName::ConstantMotionWide => "constant motion, wide gate",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_message_comes_back_from_its_bytes_and_from_no_others() {
+        let meta = AlignmentMeta { overlap: 0.1 + 0.2, iterations: 7, ..AlignmentMeta::default() };
+        let items = [messages::Hypothesis { residual_m: 1e-300, ..messages::Hypothesis::default() }; 2];
+        let bytes = to_bytes(&meta, &items);
+        assert_eq!(from_bytes(&bytes), Some((meta, items.to_vec())));
+        assert_eq!(from_bytes(&to_bytes(&meta, &[])), Some((meta, Vec::new())));
+        assert_eq!(from_bytes(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(from_bytes(&[]), None);
     }
 }

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::registration::{RegistrationConfig, Registry};
 use mirador_core::slam6d::{AlignerState, SequentialAligner};
-use mirador_ipc_schema::messages::{Envelope, Header, SCAN_HAS_PRIOR, ScanId, ScanRequest, ScanRequestKind};
+use mirador_ipc_schema::messages::{
+    AlignmentMeta, Envelope, Header, Hypothesis, SCAN_HAS_PRIOR, ScanId, ScanRequest, ScanRequestKind,
+};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place, nanoseconds, view};
@@ -23,6 +25,9 @@ const TARGET_TIMEOUT: Duration = Duration::from_secs(20);
 struct Checkpoint {
     finished_scans: u32,
     aligner: AlignerState,
+    /// The message about the last scan, see [`messages::to_bytes`]. Readers that were not there when it was sent get it
+    /// from the topic's history, which dies with this process.
+    last: Vec<u8>,
 }
 
 /// Aligns every scan of the run until the process is stopped.
@@ -34,6 +39,10 @@ pub fn run(setup: &ServiceSetup, config: &AlignmentConfig, registry: &Registry) 
     let participant = setup.join()?;
     let mut alignment = Alignment::open(setup, config, registry, &participant)?;
     alignment.health.running(&participant);
+    if alignment.finished_scans > 0 {
+        // What an earlier incarnation has finished is done: lockstep may wait for these very words.
+        alignment.health.finished(&participant, alignment.finished_scans, Duration::ZERO);
+    }
     while !setup.stop.is_set() {
         participant.wait(&[&alignment.scans], HEARTBEAT);
         alignment.receive_priors()?;
@@ -74,11 +83,15 @@ impl<'a> Alignment<'a> {
         health.message("waiting for the target scan");
         let aligner = make_aligner(setup, config, registry, participant, &scans, &saved)?;
         health.message("");
+        let poses = participant.publisher()?;
+        if let Some((meta, hypotheses)) = messages::from_bytes(&saved.last) {
+            send(&poses, meta, &hypotheses)?;
+        }
         Ok(Self {
             setup,
             scans,
             priors,
-            poses: participant.publisher()?,
+            poses,
             health,
             aligner,
             prior_of: BTreeMap::new(),
@@ -122,17 +135,21 @@ impl<'a> Alignment<'a> {
             keyframe_bytes: self.aligner.bytes(),
             align_ns: nanoseconds(begin.elapsed()),
         };
-        let mut loan = self.poses.loan(record.hypotheses.len())?;
-        *loan.meta_mut() = messages::meta(&record, &facts);
-        for (item, hypothesis) in loan.items_mut().iter_mut().zip(&record.hypotheses) {
-            *item = messages::hypothesis(hypothesis);
-        }
-        loan.send()?;
+        let meta = messages::meta(&record, &facts);
+        let hypotheses: Vec<_> = record.hypotheses.iter().map(messages::hypothesis).collect();
+        send(&self.poses, meta, &hypotheses)?;
         self.finished_scans = number + 1;
-        save_state(self.setup, self.finished_scans, self.aligner.state())?;
+        save_state(self.setup, self.finished_scans, self.aligner.state(), &messages::to_bytes(&meta, &hypotheses))?;
         self.health.finished(participant, self.finished_scans, begin.elapsed());
         Ok(())
     }
+}
+
+fn send(poses: &Publisher<topics::Alignment>, meta: AlignmentMeta, items: &[Hypothesis]) -> Result<(), ServiceError> {
+    let mut loan = poses.loan(items.len())?;
+    *loan.meta_mut() = meta;
+    loan.items_mut().copy_from_slice(items);
+    Ok(loan.send()?)
 }
 
 fn saved_state(setup: &ServiceSetup) -> Result<Checkpoint, ServiceError> {
@@ -144,13 +161,19 @@ fn saved_state(setup: &ServiceSetup) -> Result<Checkpoint, ServiceError> {
     serde_json::from_slice(&content).map_err(|e| CheckpointError::Invalid { path, reason: e.to_string() }.into())
 }
 
-fn save_state(setup: &ServiceSetup, finished_scans: u32, aligner: &AlignerState) -> Result<(), ServiceError> {
+fn save_state(
+    setup: &ServiceSetup,
+    finished_scans: u32,
+    aligner: &AlignerState,
+    last: &[u8],
+) -> Result<(), ServiceError> {
     #[derive(Serialize)]
     struct Borrowed<'a> {
         finished_scans: u32,
         aligner: &'a AlignerState,
+        last: &'a [u8],
     }
-    let content = serde_json::to_vec(&Borrowed { finished_scans, aligner })
+    let content = serde_json::to_vec(&Borrowed { finished_scans, aligner, last })
         .map_err(|e| ServiceError::Work(format!("the state cannot be written: {e}")))?;
     Ok(checkpoint::save(&setup.state_file(), &content)?)
 }

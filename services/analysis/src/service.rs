@@ -7,8 +7,8 @@ use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::surface::{SurfaceBuilder, SurfaceConfig};
 use mirador_ipc_schema::messages::{self, AlignmentMeta, Envelope, Header, ScanId, ScoredScanMeta};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
-use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
+use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, Wakeable, clock, topics};
+use mirador_service_common::{InOrder, ServiceError, log_place, nanoseconds, view};
 
 use crate::AnalysisConfig;
 
@@ -22,7 +22,7 @@ pub fn run(setup: &ServiceSetup, config: &AnalysisConfig) -> Result<(), ServiceE
     let mut analysis = Analysis::open(setup, config, &participant)?;
     analysis.health.running(&participant);
     while !setup.stop.is_set() {
-        participant.wait(&[&analysis.scans, &analysis.alignments], HEARTBEAT);
+        participant.wait(&analysis.awaited(), HEARTBEAT);
         analysis.receive(&participant)?;
         analysis.scores.serve_late_joiners();
         analysis.zones.serve_late_joiners();
@@ -33,7 +33,7 @@ pub fn run(setup: &ServiceSetup, config: &AnalysisConfig) -> Result<(), ServiceE
 
 struct Analysis {
     config: AnalysisConfig,
-    scans: Subscriber<topics::Scan>,
+    scans: InOrder<topics::Scan>,
     alignments: Subscriber<topics::Alignment>,
     scores: Publisher<topics::ScoredScan>,
     zones: Publisher<topics::Zones>,
@@ -65,7 +65,7 @@ impl Analysis {
         };
         Ok(Self {
             config,
-            scans: participant.subscriber()?,
+            scans: InOrder::new(participant.subscriber()?),
             alignments: participant.subscriber()?,
             scores: participant.publisher()?,
             zones: participant.publisher()?,
@@ -80,11 +80,17 @@ impl Analysis {
         })
     }
 
-    /// Takes what is there. One scan is held at a time: the next stays in the publisher's segment until this is done.
+    fn awaited(&self) -> Vec<&dyn Wakeable> {
+        let scans = self.scans.awaited(usize::from(self.current.is_some()));
+        scans.into_iter().chain([&self.alignments as &dyn Wakeable]).collect()
+    }
+
+    /// Takes what is there. One scan is worked on at a time: the next waits until this is done.
     fn receive(&mut self, participant: &Participant) -> Result<(), ServiceError> {
         loop {
+            self.scans.fill(usize::from(self.current.is_some()))?;
             if self.current.is_none() {
-                match self.scans.receive()? {
+                match self.scans.pop() {
                     Some(scan) => self.begin(participant, scan)?,
                     None => return self.receive_alignments(),
                 }

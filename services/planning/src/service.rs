@@ -9,8 +9,8 @@ use mirador_ipc_schema::messages::{
     ALIGNMENT_REJECTED, AlignmentMeta, Header, MapMeta, PathMeta, ScanId, ViewPlanMeta, Waypoint,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
-use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place, nanoseconds, view};
+use mirador_ipc_schema::{Participant, Publisher, Received, Wakeable, clock, topics};
+use mirador_service_common::{CheckpointError, InOrder, ServiceError, checkpoint, log_place, nanoseconds, view};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::{PlanningServiceConfig, messages};
@@ -24,8 +24,12 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
     let participant = setup.join()?;
     let mut planning = Planning::open(setup, config, &participant)?;
     planning.health.running(&participant);
+    if planning.finished_scans > 0 {
+        // What an earlier incarnation has finished is done: lockstep may wait for these very words.
+        planning.health.finished(&participant, planning.finished_scans, Duration::ZERO);
+    }
     while !setup.stop.is_set() {
-        participant.wait(&[&planning.inbox.scores], HEARTBEAT);
+        participant.wait(&planning.inbox.awaited(), HEARTBEAT);
         while let Some(step) = planning.inbox.next()? {
             planning.take_in(&participant, &step)?;
         }
@@ -44,68 +48,57 @@ struct Step {
 }
 
 struct Inbox {
-    scans: Subscriber<topics::Scan>,
-    alignments: Subscriber<topics::Alignment>,
-    scores: Subscriber<topics::ScoredScan>,
-    zones: Subscriber<topics::Zones>,
-    /// Parts of the step that is being put together.
-    pending: Option<Received<topics::ScoredScan>>,
-    scan: Option<Received<topics::Scan>>,
-    alignment: Option<AlignmentMeta>,
-    seen_zones: Option<(u64, Vec<Zone>)>,
+    scans: InOrder<topics::Scan>,
+    alignments: InOrder<topics::Alignment>,
+    scores: InOrder<topics::ScoredScan>,
+    zones: InOrder<topics::Zones>,
 }
 
 impl Inbox {
-    /// The next scored scan with everything that belongs to it, if all of it is there. The scores come last but for the
-    /// zones, which follow them at once.
-    fn next(&mut self) -> Result<Option<Step>, ServiceError> {
-        if self.pending.is_none() {
-            self.pending = self.scores.receive()?;
-        }
-        let Some(scores) = &self.pending else { return Ok(None) };
-        let id = scores.header().id;
-        while self.scan.as_ref().is_none_or(|s| s.header().id < id) {
-            // The older scan is let go first: a reader may hold two at most.
-            self.scan = None;
-            match self.scans.receive()? {
-                Some(scan) => self.scan = Some(scan),
-                None => break,
-            }
-        }
-        while self.alignment.is_none_or(|a| a.header.id < id) {
-            match self.alignments.receive()? {
-                Some(message) => self.alignment = Some(*message.meta()),
-                None => break,
-            }
-        }
-        while self.seen_zones.as_ref().is_none_or(|(of, _)| *of < id) {
-            match self.zones.receive()? {
-                Some(message) => self.seen_zones = Some((message.header().id, read_zones(&message))),
-                None => break,
-            }
-        }
-        self.put_together(id)
+    fn open(participant: &Participant) -> Result<Self, ServiceError> {
+        Ok(Self {
+            scans: InOrder::new(participant.subscriber()?),
+            alignments: InOrder::new(participant.subscriber()?),
+            scores: InOrder::new(participant.subscriber()?),
+            zones: InOrder::new(participant.subscriber()?),
+        })
     }
 
-    fn put_together(&mut self, id: u64) -> Result<Option<Step>, ServiceError> {
-        let scan = self.scan.as_ref().map(|s| s.header().id);
-        let alignment = self.alignment.map(|a| a.header.id);
-        let zones = self.seen_zones.as_ref().map(|(of, _)| *of);
-        let parts = [scan, alignment, zones];
-        if parts.iter().any(|part| part.is_some_and(|of| of > id)) {
-            tracing::warn!(scan = ScanId::unpack(id).scan, "a part of it was lost; it is not planned on");
-            self.pending = None;
-            return Ok(None);
+    fn awaited(&self) -> Vec<&dyn Wakeable> {
+        let ports = [self.scans.awaited(0), self.alignments.awaited(0), self.scores.awaited(0), self.zones.awaited(0)];
+        ports.into_iter().flatten().collect()
+    }
+
+    /// The next scored scan with everything that belongs to it, if all of it is there.
+    fn next(&mut self) -> Result<Option<Step>, ServiceError> {
+        loop {
+            self.scores.fill(0)?;
+            let id = self.scores.front();
+            self.scans.discard_before(id.unwrap_or(0));
+            self.alignments.discard_before(id.unwrap_or(0));
+            self.zones.discard_before(id.unwrap_or(0));
+            self.scans.fill(0)?;
+            self.alignments.fill(0)?;
+            self.zones.fill(0)?;
+            let Some(id) = id else { return Ok(None) };
+            let parts = [self.scans.front(), self.alignments.front(), self.zones.front()];
+            if parts.iter().any(|part| part.is_some_and(|of| of > id)) {
+                tracing::warn!(scan = ScanId::unpack(id).scan, "a part of it was lost; it is not planned on");
+                self.scores.pop();
+            } else if parts.iter().all(|part| *part == Some(id)) {
+                return Ok(self.put_together());
+            } else if parts.iter().all(|part| part.is_none_or(|of| of == id)) {
+                return Ok(None);
+            }
+            // Else parts of older scans came in just now; they are let go, and what follows them is looked at.
         }
-        if parts.iter().any(|part| *part != Some(id)) {
-            return Ok(None);
-        }
-        let (Some(scores), Some(scan), Some(alignment), Some((_, zones))) =
-            (self.pending.take(), self.scan.take(), self.alignment, self.seen_zones.take())
-        else {
-            return Ok(None);
-        };
-        Ok(Some(Step { scan, scores, alignment, zones }))
+    }
+
+    /// The step of the oldest messages.
+    fn put_together(&mut self) -> Option<Step> {
+        let (scan, scores) = (self.scans.pop()?, self.scores.pop()?);
+        let (alignment, zones) = (self.alignments.pop()?, self.zones.pop()?);
+        Some(Step { scan, scores, alignment: *alignment.meta(), zones: read_zones(&zones) })
     }
 }
 
@@ -137,6 +130,8 @@ struct Planning<'a> {
     map: InformationMap,
     strategy: Box<dyn Strategy>,
     finished_scans: u32,
+    /// The last decision was taken by an earlier incarnation, and nobody gets it from the history any more.
+    is_decision_lost: bool,
 }
 
 impl<'a> Planning<'a> {
@@ -152,16 +147,7 @@ impl<'a> Planning<'a> {
         Ok(Self {
             setup,
             config: config.clone(),
-            inbox: Inbox {
-                scans: participant.subscriber()?,
-                alignments: participant.subscriber()?,
-                scores: participant.subscriber()?,
-                zones: participant.subscriber()?,
-                pending: None,
-                scan: None,
-                alignment: None,
-                seen_zones: None,
-            },
+            inbox: Inbox::open(participant)?,
             outbox: Outbox {
                 plans: participant.publisher()?,
                 paths: participant.publisher()?,
@@ -171,13 +157,15 @@ impl<'a> Planning<'a> {
             map,
             strategy,
             finished_scans,
+            is_decision_lost: finished_scans > 0,
         })
     }
 
     fn take_in(&mut self, participant: &Participant, step: &Step) -> Result<(), ServiceError> {
         let begin = Instant::now();
         let number = step.scan.header().scan();
-        if number < self.finished_scans {
+        let is_lost = std::mem::take(&mut self.is_decision_lost) && number + 1 == self.finished_scans;
+        if number < self.finished_scans && !is_lost {
             self.health.finished(participant, self.finished_scans, Duration::ZERO);
             return Ok(());
         }
@@ -186,26 +174,44 @@ impl<'a> Planning<'a> {
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let map_from_scanner = pose_from_rows(&step.alignment.map_from_scanner)
             .ok_or_else(|| work("its alignment is not a rigid pose".into()))?;
-        let revision_before = self.map.revision();
-        if step.alignment.status != ALIGNMENT_REJECTED {
+        // The scan of a lost decision is in the map already: the same is decided again, and the whole map is sent.
+        let revision_before = if is_lost { 0 } else { self.map.revision() };
+        if !is_lost && step.alignment.status != ALIGNMENT_REJECTED {
             self.update_map(step, &map_from_scanner).map_err(work)?;
         }
         let map_time = begin.elapsed();
+        self.decide(step, &map_from_scanner, Header::about(step.scan.header(), began_ns), map_time)?;
+        self.send_tiles(Header::about(step.scan.header(), began_ns), revision_before)?;
+        if !is_lost {
+            self.finished_scans = number + 1;
+            save_map(self.setup, &self.map, self.finished_scans)?;
+        }
+        self.health.finished(participant, self.finished_scans, begin.elapsed());
+        Ok(())
+    }
+
+    /// Plans on the map as it is, and sends the decision and the path.
+    fn decide(
+        &mut self,
+        step: &Step,
+        map_from_scanner: &Pose,
+        header: Header,
+        map_time: Duration,
+    ) -> Result<(), ServiceError> {
+        let begin = Instant::now();
         let situation = Situation {
-            map_from_robot: robot_pose(&map_from_scanner, step.scores.meta().ground_height_m),
-            scan_number: u64::from(number),
+            map_from_robot: robot_pose(map_from_scanner, step.scores.meta().ground_height_m),
+            scan_number: u64::from(step.scan.header().scan()),
             run_seed: self.config.seed,
             threads: self.setup.threads,
         };
         let plan = self.strategy.plan(&self.map, &situation, &self.config.view);
-        let planning_time = begin.elapsed() - map_time;
-        let header = Header::about(step.scan.header(), began_ns);
         let known = ViewPlanMeta {
             header,
             scan_sent_ns: step.scan.header().sent_ns,
             map_ns: nanoseconds(map_time),
-            planning_ns: nanoseconds(planning_time),
-            map_from_scanner: rows_from_pose(&map_from_scanner),
+            planning_ns: nanoseconds(begin.elapsed()),
+            map_from_scanner: rows_from_pose(map_from_scanner),
             cells_known: self.map.known_cells().count() as u32,
             zones: self.map.zones().len() as u32,
             map_tiles: self.map.tiles().count() as u32,
@@ -213,12 +219,7 @@ impl<'a> Planning<'a> {
             ..messages::plan_meta(&plan)
         };
         self.send_plan(known, &plan)?;
-        self.send_path(header, &plan)?;
-        self.send_tiles(header, revision_before)?;
-        self.finished_scans = number + 1;
-        save_map(self.setup, &self.map, self.finished_scans)?;
-        self.health.finished(participant, self.finished_scans, begin.elapsed());
-        Ok(())
+        self.send_path(header, &plan)
     }
 
     fn update_map(&mut self, step: &Step, map_from_scanner: &Pose) -> Result<(), String> {

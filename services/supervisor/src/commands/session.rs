@@ -15,8 +15,8 @@ use mirador_ipc_schema::StopSignal;
 use crate::cli::Common;
 use crate::graph::{self, Graph};
 use crate::output_dir::{self, MARK};
-use crate::outputs::{self, RunFacts, Summary};
-use crate::supervise::{Ended, RunOutcome, RunPlan, check_slots, run};
+use crate::outputs::{self, OutputError, RunFacts, Summary};
+use crate::supervise::{Ended, RunOutcome, RunPlan, Seat, check_slots, run};
 use crate::{EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, Registry, UsageError};
 
 /// Loads the graph of a command: the named file, else `--config`, else the standard one; then the overrides.
@@ -57,6 +57,8 @@ impl Session<'_> {
     pub fn run(mut self) -> Result<u8> {
         let stop = StopSignal::from_terminal().context("signals cannot be handled")?;
         let known = self.prepare()?;
+        // Before the output folder: an earlier output, perhaps of a graph that runs, stays where it is when this fails.
+        let seat = Seat::take(&self.graph, &stop)?;
         let run_dir = output_dir::prepare(&self.out)?;
         let config = self.save_config(&run_dir)?;
         let plan = RunPlan {
@@ -66,13 +68,17 @@ impl Session<'_> {
             quiet: self.common.quiet,
             stop,
         };
-        let outcome = run(&plan)?;
+        let outcome = run(&plan, seat)?;
         self.finish(&run_dir, config, known, &outcome)
     }
 
     /// Everything that can be found wrong before a process is started: the source, its size, the truth.
     fn prepare(&mut self) -> Result<Known> {
         let usage = |e: &dyn std::fmt::Display| UsageError(e.to_string());
+        if self.graph.services.entries().is_empty() && self.graph.programs.is_empty() {
+            let message = "the graph runs nothing: write a table for every service, for example [services.acquisition]";
+            return Err(usage(&message).into());
+        }
         self.fill_in_from_scene()?;
         let config = &self.graph.acquisition;
         let source = open_source(config, 1).map_err(|e| usage(&e))?;
@@ -155,10 +161,13 @@ impl Session<'_> {
             wall_time: outcome.wall,
             config,
         };
-        let written = if self.graph.services.recorder.is_some() {
-            Some(outputs::write_all(run_dir, &facts).context("the outputs cannot be written"))
-        } else {
-            None
+        let written = match self.graph.services.recorder {
+            None => None,
+            Some(_) => match outputs::write_all(run_dir, &facts) {
+                // Stopped before anything was recorded: that is what the user wanted, not an error.
+                Err(OutputError::Read(error)) if facts.interrupted && error.is_nothing_recorded() => None,
+                written => Some(written.context("the outputs cannot be written")),
+            },
         };
         // A fault of the graph is the cause; outputs that then cannot be made are only its consequence.
         if let Ended::Fault(reason) = &outcome.ended {

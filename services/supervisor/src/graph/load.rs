@@ -8,6 +8,9 @@ use super::overrides;
 use super::tables::{Graph, ServiceEntry};
 use crate::Registry;
 
+/// Points of the largest scan that can be asked for: far more than any scanner takes, and far from what overflows.
+const MOST_POINTS: usize = 1_000_000_000;
+
 /// Why a graph file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum GraphError {
@@ -70,15 +73,12 @@ pub fn load_text(text: &str, file: &str, settings: &[String], registry: &Registr
     if !settings.is_empty() {
         let mut document: DocumentMut =
             text.parse().map_err(|e: toml_edit::TomlError| invalid(text, file, e.span(), e.message()))?;
+        // One after the other, so that the error names the one that is wrong.
         for setting in settings {
             overrides::apply(&mut document, setting).map_err(GraphError::Override)?;
+            graph = toml::from_str(&document.to_string())
+                .map_err(|e| GraphError::Override(format!("--set {setting}: {}", one_line(e.message()))))?;
         }
-        graph = parse(&document.to_string(), file).map_err(|error| match error {
-            GraphError::Invalid { message, .. } => {
-                GraphError::Override(format!("--set {}: {message}", settings.join(" --set ")))
-            }
-            other => other,
-        })?;
     }
     check(&graph, text, file, registry)?;
     Ok(graph)
@@ -89,9 +89,24 @@ fn parse(text: &str, file: &str) -> Result<Graph, GraphError> {
 }
 
 fn invalid(text: &str, file: &str, span: Option<std::ops::Range<usize>>, message: &str) -> GraphError {
-    let before = span.map_or("", |s| text.get(..s.start).unwrap_or(""));
-    let message = message.replace('\n', ", ");
+    let begin = span.as_ref().map_or(0, |s| s.start);
+    let before = text.get(..begin).unwrap_or("");
+    let message = match span.and_then(|s| key_before(before, text.get(s)?)) {
+        Some(key) => format!("{key}: {}", one_line(message)),
+        None => one_line(message),
+    };
     GraphError::Invalid { file: file.into(), line: before.matches('\n').count() + 1, message }
+}
+
+/// The key whose value an error points at; none when it points at a key itself.
+fn key_before<'a>(before: &'a str, place: &str) -> Option<&'a str> {
+    let line = before.rsplit('\n').next()?;
+    let key = line.split_once('=')?.0.trim();
+    (!place.is_empty() && !key.is_empty()).then_some(key)
+}
+
+fn one_line(message: &str) -> String {
+    message.replace('\n', ", ")
 }
 
 /// What types alone cannot check.
@@ -105,13 +120,18 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
             format!("{} is not known to this version of mirador; write 1", graph.config_version),
         );
     }
+    if graph.graph.max_points > MOST_POINTS {
+        let message = format!("{} is outside 0 (as many as the source has) to {MOST_POINTS}", graph.graph.max_points);
+        return fail("graph.max_points", message);
+    }
     if let Err(error) = mirador_ipc_schema::Domain::new(&graph.graph.domain) {
         return fail("graph.domain", error.to_string());
     }
-    for (name, entry) in graph.services.entries().into_iter().chain(graph.programs.iter().map(|(n, e)| (n.as_str(), e)))
-    {
-        if let Err(message) = check_entry(entry) {
-            return fail(&format!("services.{name}.{}", message.0), message.1);
+    let services = graph.services.entries().into_iter().map(|(name, entry)| ("services", name, entry));
+    let programs = graph.programs.iter().map(|(name, entry)| ("programs", name.as_str(), entry));
+    for (table, name, entry) in services.chain(programs) {
+        if let Err((key, message)) = check_entry(entry) {
+            return fail(&format!("{table}.{name}.{key}"), message);
         }
     }
     if let Some((name, _)) = graph.programs.iter().find(|(_, e)| e.command.is_empty()) {
@@ -193,7 +213,22 @@ mod tests {
     #[test]
     fn a_value_of_the_wrong_type_names_its_line() {
         let message = error("config_version = 1\n[services.planning]\nthreads = \"two\"\n");
-        assert!(message.starts_with("graph.toml:3:"), "{message}");
+        assert!(message.starts_with("graph.toml:3: threads: ") && message.contains("two"), "{message}");
+    }
+
+    #[test]
+    fn slots_for_more_points_than_memory_can_be_counted_for_are_refused() {
+        let message = error("config_version = 1\n[graph]\nmax_points = 9223372036854775807\n");
+        assert!(message.starts_with("graph.toml:3: graph.max_points: 9223372036854775807"), "{message}");
+    }
+
+    #[test]
+    fn of_several_overrides_the_wrong_one_is_named() {
+        let settings = ["graph.lockstep=true", "graph.wake=shout", "graph.domain=a"].map(str::to_owned);
+        let text = "config_version = 1\n";
+        let message = load_text(text, "g", &settings, &Registry::default()).unwrap_err().to_string();
+        assert!(message.starts_with("--set graph.wake=shout: ") && !message.contains("graph.domain"), "{message}");
+        assert!(message.contains("`event`") && message.contains("`poll`"), "{message}");
     }
 
     #[test]

@@ -6,4 +6,4 @@ mod process;
 mod run;
 
 pub use process::{die_with_parent, exec_child, pin_to};
-pub use run::{Ended, RunOutcome, RunPlan, check_slots, run};
+pub use run::{Ended, RunOutcome, RunPlan, Seat, check_slots, run};

@@ -1,10 +1,12 @@
 //! One run of a graph: start, watch, stop, clean up.
 
+use std::fs::File;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
 use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Wake, budget};
+use rustix::fs::{FlockOperation, flock};
 use rustix::process::Signal;
 
 use super::child::{Fate, Launch, Supervised, last_line};
@@ -57,24 +59,68 @@ pub struct RunOutcome {
     pub wall: Duration,
 }
 
+/// The supervisor's place in a domain: whoever has it is the only one who runs a graph there. Giving it up removes what
+/// the graph has left.
+pub struct Seat {
+    domain: Domain,
+    participant: Option<Participant>,
+}
+
+impl Seat {
+    /// Takes the place for a graph whose sizes are filled in. Nothing outside the domain is touched, so that a graph
+    /// that cannot run does no harm to the outputs of one that does.
+    ///
+    /// # Errors
+    /// When somebody else runs in the domain, or shared memory has no room for the graph.
+    pub fn take(graph: &Graph, stop: &StopSignal) -> Result<Self> {
+        let domain = Domain::new(&graph.graph.domain)?;
+        let sizes = Sizes { scan_points: graph.graph.max_points };
+        // Between looking whether a domain is free and being seen in it nobody else may look.
+        let _turn = turn_of(&domain)?;
+        claim(&domain)?;
+        let names: Vec<&str> = graph.services.entries().iter().map(|(name, _)| *name).collect();
+        budget::check(&names, &sizes).map_err(|e| UsageError(e.to_string()))?;
+        let participant = Participant::join(domain.clone(), "supervisor", 0, sizes, Wake::Event, stop.clone())?;
+        Ok(Self { domain, participant: Some(participant) })
+    }
+
+    fn leave(&mut self) -> Result<()> {
+        if self.participant.take().is_some() {
+            // Everyone is gone: what remains are files that iceoryx2 leaves behind.
+            self.domain.remove_all().context("the domain cannot be cleaned up")?;
+        }
+        Ok(())
+    }
+}
+
+impl Drop for Seat {
+    fn drop(&mut self) {
+        if let Err(error) = self.leave() {
+            tracing::warn!("{error:#}");
+        }
+    }
+}
+
 /// Runs a graph until its input ends, it fails, or the user stops it. Nothing of it is left afterwards.
-pub fn run(plan: &RunPlan) -> Result<RunOutcome> {
+pub fn run(plan: &RunPlan, mut seat: Seat) -> Result<RunOutcome> {
     let begin = Instant::now();
-    let graph = &plan.graph;
-    let domain = Domain::new(&graph.graph.domain)?;
-    let sizes = Sizes { scan_points: graph.graph.max_points };
-    claim(&domain)?;
-    let names: Vec<&str> = graph.services.entries().iter().map(|(name, _)| *name).collect();
-    budget::check(&names, &sizes).map_err(|e| UsageError(e.to_string()))?;
-    let participant = Participant::join(domain.clone(), "supervisor", 0, sizes, Wake::Event, plan.stop.clone())?;
-    let result = run_joined(plan, &participant);
-    drop(participant);
-    // Everyone is gone: what remains are files that iceoryx2 leaves behind.
-    let cleaned = domain.remove_all();
+    let participant = seat.participant.as_ref().context("the seat was given up")?;
+    let result = run_joined(plan, participant);
+    let left = seat.leave();
     let (ended, services) = result?;
-    cleaned.context("the domain cannot be cleaned up")?;
+    left?;
     let restarts = services.iter().map(|s| s.restarts).sum();
     Ok(RunOutcome { ended, services, restarts, wall: begin.elapsed() })
+}
+
+/// Waits for the right to look into a domain and to join it; it ends when the file is closed. Other graphs of this user
+/// that start at the same moment wait a few milliseconds.
+fn turn_of(domain: &Domain) -> Result<File> {
+    domain.config()?;
+    let folder = domain.parent();
+    let file = File::open(&folder).with_context(|| format!("{}: cannot be opened", folder.display()))?;
+    flock(&file, FlockOperation::LockExclusive).with_context(|| format!("{}: cannot be locked", folder.display()))?;
+    Ok(file)
 }
 
 /// Makes sure that nobody else runs in the domain, and removes what the dead have left.
@@ -103,7 +149,7 @@ fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Vec<S
     stop_all(&mut children, participant, &mut monitor);
     let mut ended = watched?;
     if let Ended::Fault(reason) = &mut ended {
-        *reason = reason.replace('\n', " ");
+        *reason = in_full(reason, &children).replace('\n', " ");
     }
     let totals = children.iter().rev().map(|c| monitor.totals_of(&c.launch.name, c.restarts()));
     Ok((ended, totals.collect()))
@@ -179,6 +225,12 @@ fn cause_of(child: &Supervised) -> String {
     let said = last_line(&log).unwrap_or_else(|| "it said nothing".into());
     let end = child.last_end();
     format!("{} ended ({end}): {said}", child.launch.name)
+}
+
+/// A reason that a service gave in a message, which holds only so much of it, in the words with which it ended.
+fn in_full(reason: &str, children: &[Supervised]) -> String {
+    let said = children.iter().filter_map(|child| last_line(&child.launch.log_path()));
+    said.into_iter().find(|line| line.starts_with(reason)).unwrap_or_else(|| reason.to_owned())
 }
 
 /// Ends the children in the order of the data flow, the recorder last, and waits for them.
