@@ -152,6 +152,10 @@ impl Session<'_> {
             restarts: outcome.restarts,
             services: outcome.services.clone(),
             interrupted: outcome.ended == Ended::Interrupted,
+            fault: match &outcome.ended {
+                Ended::Fault(reason) => Some(reason.clone()),
+                Ended::InputEnded | Ended::Interrupted => None,
+            },
             wall_time: outcome.wall,
             config,
         };
