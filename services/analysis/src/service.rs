@@ -22,7 +22,7 @@ pub fn run(setup: &ServiceSetup, config: &AnalysisConfig) -> Result<(), ServiceE
     let mut analysis = Analysis::open(setup, config, &participant)?;
     analysis.health.running(&participant);
     while !setup.stop.is_set() {
-        participant.wait(&[&analysis.scans, &analysis.alignments], HEARTBEAT);
+        analysis.wait(&participant);
         analysis.receive(&participant)?;
         analysis.scores.serve_late_joiners();
         analysis.zones.serve_late_joiners();
@@ -78,6 +78,14 @@ impl Analysis {
             early: Vec::new(),
             finished_scans: 0,
         })
+    }
+
+    /// Waits for what can be taken: while a scan waits for its pose, the next one may lie there all the time.
+    fn wait(&self, participant: &Participant) {
+        match self.current {
+            Some(_) => participant.wait(&[&self.alignments], HEARTBEAT),
+            None => participant.wait(&[&self.scans, &self.alignments], HEARTBEAT),
+        }
     }
 
     /// Takes what is there. One scan is held at a time: the next stays in the publisher's segment until this is done.
