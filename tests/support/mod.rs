@@ -4,6 +4,8 @@
 
 #![allow(dead_code, reason = "every test target uses another part of it")]
 
+pub mod outputs;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
