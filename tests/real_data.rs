@@ -253,3 +253,18 @@ fn the_first_scans_of_a_drive_align_without_any_prior() {
     let found = pair(&stage, &[&folder.display().to_string(), "--max-scans", "2"]);
     assert!((found - 0.689).abs() < 0.1, "{found} m, 0.689 m by every method");
 }
+
+#[test]
+fn a_run_in_real_time_begins_when_everyone_is_there_and_ends_when_everyone_has_finished() {
+    let Some(scans) = data("real_data", "handheld") else { return };
+    let stage = Stage::new();
+    let path = scans.display().to_string();
+    // Two seconds between scans: 0.2 s a scan is time enough.
+    stage.run_well(&["replay", &path, "--poses", "odometry.tum", "--max-scans", "10", "--speed", "10", "--out", "out"]);
+    let summary = summary(&stage.path("out"));
+    assert_eq!((&summary["scans"], &summary["aligned"]), (&10.into(), &10.into()));
+    assert_eq!(summary["stop_reason"], "input_ended");
+    for stage_name in ["surface", "alignment", "analysis", "map", "planning", "end_to_end"] {
+        assert_eq!(summary["latency_ms"][stage_name]["n"], 10, "{stage_name}");
+    }
+}

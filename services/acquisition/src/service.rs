@@ -15,6 +15,9 @@ use crate::AcquisitionConfig;
 use crate::no_return::empty_no_returns;
 use crate::source::{Filtered, ScanInfo, Source, SourceError, open_source};
 
+/// How long the end of a run in real time waits for services that get no further.
+const PATIENCE: Duration = Duration::from_secs(10);
+
 /// Delivers the scans of the configured source until the last one is finished and the process is stopped.
 ///
 /// # Errors
@@ -46,7 +49,7 @@ struct Acquisition<'a> {
     requests: Subscriber<topics::ScanRequests>,
     others: Subscriber<topics::ServiceHealth>,
     health: HealthReporter,
-    /// Scans finished by each service that lockstep waits for.
+    /// Scans finished by each service that is waited for.
     finished: BTreeMap<String, u32>,
 }
 
@@ -88,7 +91,7 @@ impl<'a> Acquisition<'a> {
             self.release(source, step, &info)?;
             self.wait_until_finished(source, step)?;
         }
-        self.wait_for_stragglers(source, total)?;
+        self.wait_for_the_last(source, total)?;
         if !self.setup.stop.is_set() {
             self.send_clock(CLOCK_ENDED, total.saturating_sub(1), source.scans())?;
         }
@@ -170,7 +173,7 @@ impl<'a> Acquisition<'a> {
         Ok(loan.send()?)
     }
 
-    /// Waits until every service of the lockstep has reported once: nothing is released to a graph that is not there.
+    /// Waits until every service has reported once: nothing is released to a graph that is not there.
     fn wait_for_services(&mut self, source: &mut dyn Source) -> Result<(), ServiceError> {
         let mut seen = std::collections::BTreeSet::new();
         while !self.setup.stop.is_set() && seen.len() < self.finished.len() {
@@ -205,6 +208,25 @@ impl<'a> Acquisition<'a> {
     fn wait_for_stragglers(&mut self, source: &mut dyn Source, count: u32) -> Result<(), ServiceError> {
         while !self.setup.stop.is_set() && self.finished.values().any(|done| *done < count) {
             self.pause(source, HEARTBEAT, |_, _| {})?;
+        }
+        Ok(())
+    }
+
+    /// Waits until every service has finished the run. Scans that are released by their time may pass a service by, and
+    /// it then never says so of them: without any progress for long, the run ends without.
+    fn wait_for_the_last(&mut self, source: &mut dyn Source, total: u32) -> Result<(), ServiceError> {
+        if self.config.speed == 0.0 {
+            return self.wait_for_stragglers(source, total);
+        }
+        let (mut seen, mut since) = (self.finished.clone(), Instant::now());
+        while !self.setup.stop.is_set() && self.finished.values().any(|done| *done < total) {
+            self.pause(source, HEARTBEAT, |_, _| {})?;
+            if seen != self.finished {
+                (seen, since) = (self.finished.clone(), Instant::now());
+            } else if since.elapsed() > PATIENCE {
+                tracing::warn!(finished = ?self.finished, scans = total, "not every service has finished every scan");
+                break;
+            }
         }
         Ok(())
     }

@@ -88,8 +88,7 @@ impl Session<'_> {
         };
         let services = self.graph.services.entries();
         let names = services.iter().map(|(name, _)| *name).filter(|name| *name != "acquisition");
-        self.graph.acquisition.lockstep_with =
-            if self.graph.graph.lockstep { names.map(str::to_owned).collect() } else { Vec::new() };
+        self.graph.acquisition.lockstep_with = names.map(str::to_owned).collect();
         if self.graph.graph.lockstep && self.graph.acquisition.speed > 0.0 {
             return Err(
                 UsageError("graph.lockstep and acquisition.speed exclude each other: set one of them".into()).into()
