@@ -268,3 +268,19 @@ fn a_run_in_real_time_begins_when_everyone_is_there_and_ends_when_everyone_has_f
         assert_eq!(summary["latency_ms"][stage_name]["n"], 10, "{stage_name}");
     }
 }
+
+#[test]
+fn scans_that_come_faster_than_they_can_be_worked_on_wait_and_are_not_lost() {
+    let Some(scans) = data("real_data", "handheld") else { return };
+    let stage = Stage::new();
+    let path = scans.display().to_string();
+    let replay = ["replay", &path, "--poses", "odometry.tum", "--max-scans", "15", "--speed", "1000", "--out", "out"];
+    stage.run_well(&replay);
+    let summary = summary(&stage.path("out"));
+    assert_eq!((&summary["scans"], &summary["aligned"]), (&15.into(), &15.into()));
+    assert_eq!(summary["latency_ms"]["end_to_end"]["n"], 15);
+    // Acquisition may miss reports of health, which only ever repeat themselves.
+    for service in summary["services"].as_array().unwrap().iter().filter(|s| s["name"] != "acquisition") {
+        assert_eq!(service["lost_messages"], 0, "{service}");
+    }
+}

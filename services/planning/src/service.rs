@@ -9,7 +9,7 @@ use mirador_ipc_schema::messages::{
     ALIGNMENT_REJECTED, AlignmentMeta, Header, MapMeta, PathMeta, ScanId, ViewPlanMeta, Waypoint,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
+use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, Wakeable, clock, topics};
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place, nanoseconds, view};
 use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -26,6 +26,7 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
     planning.health.running(&participant);
     while !setup.stop.is_set() {
         participant.wait(&[&planning.inbox.scores], HEARTBEAT);
+        planning.inbox.connect();
         while let Some(step) = planning.inbox.next()? {
             planning.take_in(&participant, &step)?;
         }
@@ -56,6 +57,15 @@ struct Inbox {
 }
 
 impl Inbox {
+    /// Takes up the connection to publishers that came after this reader. Until a reader has looked once, a publisher
+    /// does not wait for it: what does not fit into the buffer is lost. The scores wake the loop and are looked at anyway.
+    fn connect(&self) {
+        let others: [&dyn Wakeable; 3] = [&self.scans, &self.alignments, &self.zones];
+        for port in others {
+            port.is_ready();
+        }
+    }
+
     /// The next scored scan with everything that belongs to it, if all of it is there. The scores come last but for the
     /// zones, which follow them at once.
     fn next(&mut self) -> Result<Option<Step>, ServiceError> {
