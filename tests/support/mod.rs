@@ -5,6 +5,7 @@
 #![allow(dead_code, reason = "every test target uses another part of it")]
 
 pub mod observer;
+pub mod outputs;
 
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -42,7 +42,8 @@ pub struct AcquisitionConfig {
     pub speed: f64,
     /// Stop after this many scans; 0 for all.
     pub max_scans: u32,
-    /// Services that must have finished a scan before the next is released (set by the supervisor).
+    /// Services that must be there before the first scan is released and have finished the last one before the run
+    /// ends; without a speed also each scan before the next is released (set by the supervisor).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub lockstep_with: Vec<String>,
 }

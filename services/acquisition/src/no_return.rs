@@ -8,6 +8,9 @@ const CODE_COUNT: usize = 100;
 const CODE_SHARE: f64 = 0.002;
 /// Ranges within this of each other are the same code: what rounding of coordinates in text leaves [m].
 const CODE_TOLERANCE_M: f32 = 2e-3;
+/// A sensor has several codes, which are its largest numbers: a SICK LMS uses some of its last nine, in millimetres, one
+/// for each reason why nothing was measured. Where the last one is a code, all this far below it are [m].
+const CODE_BAND_M: f32 = 8e-3 + CODE_TOLERANCE_M;
 
 /// Empties the points outside `[range_min_m, range_max_m]`, and those at the sensor's code for "no return" when asked.
 /// Returns how many were emptied.
@@ -16,7 +19,7 @@ const CODE_TOLERANCE_M: f32 = 2e-3;
 /// point. No real surface puts hundreds of points at one exact range that is also the farthest of the scan.
 pub(crate) fn empty_no_returns(points: &mut [Point], range_min_m: f32, range_max_m: f32, drop_code: bool) -> usize {
     let code = if drop_code { no_return_code(points) } else { None };
-    let limit = code.map_or(range_max_m, |code| range_max_m.min(code - CODE_TOLERANCE_M));
+    let limit = code.map_or(range_max_m, |code| range_max_m.min(code - CODE_BAND_M));
     let mut emptied = 0;
     for point in points.iter_mut().filter(|p| p.is_return()) {
         if !(range_min_m..=limit).contains(&point.range()) {
@@ -37,6 +40,15 @@ fn no_return_code(points: &[Point]) -> Option<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_rarer_codes_just_below_the_last_one_are_emptied_with_it() {
+        let mut points: Vec<_> = [(32.767, 549), (32.765, 91), (32.763, 765), (32.759, 76), (32.382, 2)]
+            .into_iter()
+            .flat_map(|(range, n)| circle(range, n))
+            .collect();
+        assert_eq!(empty_no_returns(&mut points, 0.0, 100.0, true), 549 + 91 + 765 + 76);
+    }
 
     fn circle(radius: f32, n: usize) -> Vec<Point> {
         (0..n)

@@ -3,10 +3,9 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use mirador_core::geometry::{Pose, rows_from_pose};
 use mirador_ipc_schema::messages::{
-    CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, Envelope, Header, PoseEstimate, SCAN_HAS_PRIOR, ScanId,
-    ScanMeta, ScanRequestKind,
+    CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, Envelope, Header, SCAN_HAS_PRIOR, ScanId, ScanMeta,
+    ScanRequestKind,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, clock, text, topics};
@@ -14,7 +13,10 @@ use mirador_service_common::{CheckpointError, ServiceError, checkpoint};
 
 use crate::AcquisitionConfig;
 use crate::no_return::empty_no_returns;
-use crate::source::{ScanInfo, Source, SourceError, open_source};
+use crate::source::{Filtered, ScanInfo, Source, SourceError, open_source};
+
+/// How long the end of a run in real time waits for services that get no further.
+const PATIENCE: Duration = Duration::from_secs(10);
 
 /// Delivers the scans of the configured source until the last one is finished and the process is stopped.
 ///
@@ -47,7 +49,7 @@ struct Acquisition<'a> {
     requests: Subscriber<topics::ScanRequests>,
     others: Subscriber<topics::ServiceHealth>,
     health: HealthReporter,
-    /// Scans finished by each service that lockstep waits for.
+    /// Scans finished by each service that is waited for.
     finished: BTreeMap<String, u32>,
 }
 
@@ -89,7 +91,7 @@ impl<'a> Acquisition<'a> {
             self.release(source, step, &info)?;
             self.wait_until_finished(source, step)?;
         }
-        self.wait_for_stragglers(source, total)?;
+        self.wait_for_the_last(source, total)?;
         if !self.setup.stop.is_set() {
             self.send_clock(CLOCK_ENDED, total.saturating_sub(1), source.scans())?;
         }
@@ -140,15 +142,14 @@ impl<'a> Acquisition<'a> {
         let mut loan = self.scan.loan(info.cells)?;
         let points: &mut [mirador_core::scan::Point] = bytemuck::cast_slice_mut(loan.items_mut());
         let written = source.write(step as usize, points).map_err(unusable)?;
-        let (range_min_m, range_max_m) = (self.config.range_min_m, self.config.range_max_m);
-        let emptied = if written.filtered {
-            0
-        } else {
-            empty_no_returns(points, range_min_m, range_max_m, self.config.drop_no_return_code)
-        };
+        let filtered = written.filtered.unwrap_or_else(|| {
+            let (range_min_m, range_max_m) = (self.config.range_min_m, self.config.range_max_m);
+            let emptied = empty_no_returns(points, range_min_m, range_max_m, self.config.drop_no_return_code);
+            Filtered { range_min_m, range_max_m, emptied: emptied as u32 }
+        });
         let returns = points.iter().filter(|p| p.is_return()).count();
-        if let Some(prior) = &info.prior {
-            self.send_prior(header, prior)?;
+        if let Some(prior) = info.prior {
+            self.pose.send_one(Envelope { header }, prior)?;
         }
         *loan.meta_mut() = ScanMeta {
             header,
@@ -159,9 +160,9 @@ impl<'a> Acquisition<'a> {
             flags: if info.prior.is_some() { SCAN_HAS_PRIOR } else { 0 },
             duration_ns: written.duration_ns,
             source_index: step,
-            range_min_m,
-            range_max_m,
-            out_of_range: emptied as u32,
+            range_min_m: filtered.range_min_m,
+            range_max_m: filtered.range_max_m,
+            out_of_range: filtered.emptied,
             ..ScanMeta::default()
         };
         if tracing::enabled!(tracing::Level::DEBUG) {
@@ -172,12 +173,7 @@ impl<'a> Acquisition<'a> {
         Ok(loan.send()?)
     }
 
-    fn send_prior(&self, header: Header, prior: &Pose) -> Result<(), ServiceError> {
-        let estimate = PoseEstimate { map_from_scanner: rows_from_pose(prior), ..PoseEstimate::default() };
-        Ok(self.pose.send_one(Envelope { header }, estimate)?)
-    }
-
-    /// Waits until every service of the lockstep has reported once: nothing is released to a graph that is not there.
+    /// Waits until every service has reported once: nothing is released to a graph that is not there.
     fn wait_for_services(&mut self, source: &mut dyn Source) -> Result<(), ServiceError> {
         let mut seen = std::collections::BTreeSet::new();
         while !self.setup.stop.is_set() && seen.len() < self.finished.len() {
@@ -212,6 +208,25 @@ impl<'a> Acquisition<'a> {
     fn wait_for_stragglers(&mut self, source: &mut dyn Source, count: u32) -> Result<(), ServiceError> {
         while !self.setup.stop.is_set() && self.finished.values().any(|done| *done < count) {
             self.pause(source, HEARTBEAT, |_, _| {})?;
+        }
+        Ok(())
+    }
+
+    /// Waits until every service has finished the run. Scans that are released by their time may pass a service by, and
+    /// it then never says so of them: without any progress for long, the run ends without.
+    fn wait_for_the_last(&mut self, source: &mut dyn Source, total: u32) -> Result<(), ServiceError> {
+        if self.config.speed == 0.0 {
+            return self.wait_for_stragglers(source, total);
+        }
+        let (mut seen, mut since) = (self.finished.clone(), Instant::now());
+        while !self.setup.stop.is_set() && self.finished.values().any(|done| *done < total) {
+            self.pause(source, HEARTBEAT, |_, _| {})?;
+            if seen != self.finished {
+                (seen, since) = (self.finished.clone(), Instant::now());
+            } else if since.elapsed() > PATIENCE {
+                tracing::warn!(finished = ?self.finished, scans = total, "not every service has finished every scan");
+                break;
+            }
         }
         Ok(())
     }

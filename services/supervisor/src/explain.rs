@@ -7,8 +7,8 @@ use std::path::Path;
 use anyhow::Context;
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, AlignmentMeta, CANDIDATE_OPEN, CandidateView, DECISION_STOP, Hypothesis,
-    ViewPlanMeta,
+    ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, AlignmentMeta, CANDIDATE_OPEN, CLOCK_ENDED, CLOCK_FAULT, CandidateView,
+    DECISION_STOP, Hypothesis, ViewPlanMeta,
 };
 use mirador_ipc_schema::{text, topics};
 use mirador_recorder::{RUN_FILE, RunReader};
@@ -38,13 +38,28 @@ pub fn explain(run_dir: &Path, scan: Option<u32>, out: &mut dyn Write) -> anyhow
         writeln!(out, "The recording was cut off; this is what was saved of it.\n")?;
     }
     let (mut hypotheses, mut candidates) = (Vec::new(), Vec::new());
-    for scan in scans {
+    for &scan in &scans {
         writeln!(out, "Scan {scan}")?;
         let alignment = reader.read_about::<topics::Alignment>(scan, &mut hypotheses)?;
         explain_alignment(alignment.as_ref(), &hypotheses, out).context("cannot print the explanation")?;
         let plan = reader.read_about::<topics::ViewPlan>(scan, &mut candidates)?;
         explain_plan(plan.as_ref(), &candidates, out).context("cannot print the explanation")?;
         writeln!(out)?;
+    }
+    if scan.is_none() {
+        explain_end(&mut reader, scans.len(), out)?;
+    }
+    Ok(())
+}
+
+/// How the source of the scans ended: a stop is decided after every scan, but recorded scans go on all the same.
+fn explain_end(reader: &mut RunReader, scans: usize, out: &mut dyn Write) -> anyhow::Result<()> {
+    let mut state = None;
+    reader.for_each_meta::<topics::Clock>(|clock, _| state = Some(clock.state))?;
+    match state {
+        Some(CLOCK_ENDED) => writeln!(out, "The input ended after {scans} scans.")?,
+        Some(CLOCK_FAULT) => writeln!(out, "The source of the scans could not go on after {scans} scans.")?,
+        _ => {}
     }
     Ok(())
 }
@@ -88,11 +103,13 @@ fn explain_alignment(
     Ok(())
 }
 
-/// Which directions the geometry holds, in words.
+/// How many directions of motion the geometry holds, in words. The bits stand for the pair's own principal directions,
+/// not for the axes of a frame, so only their number can be told.
 fn constrained(bits: u32) -> String {
-    const NAMES: [&str; 6] = ["x", "y", "z", "rotation about x", "rotation about y", "rotation about z"];
-    let free: Vec<_> = (0..).zip(NAMES).filter(|(k, _)| bits >> k & 1 == 0).map(|(_, name)| name).collect();
-    if free.is_empty() { "all directions constrained".into() } else { format!("not constrained: {}", free.join(", ")) }
+    match bits.count_ones() {
+        6 => "all directions constrained".into(),
+        n => format!("{n} of 6 directions constrained"),
+    }
 }
 
 /// A pose in one line: position and yaw, pitch, roll.
@@ -214,7 +231,7 @@ mod tests {
         assert!(text.contains("NOT ALIGNED by icp: overlap 0.10 is below 0.30"), "{text}");
         assert!(text.contains("STOP: the model is good enough (done)"), "{text}");
         assert!(text.contains("hypothesis 0 from prior: overlap 0.100"), "{text}");
-        assert!(text.contains("not constrained: z, rotation about x"), "{text}");
+        assert!(text.contains("12 iterations, 4 of 6 directions constrained"), "{text}");
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use mirador_core::formats::{CloudFormat, ScanFiles, StampedPose, count_points, list_scans, open_cloud, read_poses};
 use mirador_core::scan::{Grid, Point};
 
-use super::{ScanInfo, Source, SourceError, Written, limited};
+use super::{ScanInfo, Source, SourceError, Written, limited, prior_at};
 use crate::AcquisitionConfig;
 use crate::config::parse_grid;
 
@@ -72,7 +72,7 @@ impl Source for FileSource {
         let prior = self.priors.get(index);
         let recorded = prior.and_then(|p| p.stamp_s).map(|s| (s * 1e9).round() as i64);
         let stamp_ns = recorded.unwrap_or_else(|| i64::try_from(index).unwrap_or(0).saturating_mul(STEP_NS));
-        Some(ScanInfo { cells, stamp_ns, prior: prior.map(|p| p.map_from_scanner) })
+        Some(ScanInfo { cells, stamp_ns, prior: prior.map(|p| prior_at(&p.map_from_scanner)) })
     }
 
     fn write(&mut self, index: usize, out: &mut [Point]) -> Result<Written, SourceError> {
@@ -89,6 +89,6 @@ impl Source for FileSource {
         if filled != out.len() {
             return Err(SourceError::CountChanged { path: path.clone(), found: filled, expected: out.len() });
         }
-        Ok(Written { origin: reader.origin(), grid: self.grid.or(reader.grid()), duration_ns: 0, filtered: false })
+        Ok(Written { origin: reader.origin(), grid: self.grid.or(reader.grid()), duration_ns: 0, filtered: None })
     }
 }

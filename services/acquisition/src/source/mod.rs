@@ -11,8 +11,9 @@ mod conformance;
 use std::path::PathBuf;
 
 use mirador_core::formats::FormatError;
-use mirador_core::geometry::Pose;
+use mirador_core::geometry::{Pose, rows_from_pose};
 use mirador_core::scan::{Grid, Point};
+use mirador_ipc_schema::messages::PoseEstimate;
 
 use crate::{AcquisitionConfig, ConfigError, SourceKind};
 pub use scene::{scene_of, true_poses};
@@ -24,8 +25,14 @@ pub struct ScanInfo {
     pub cells: usize,
     /// Time of the scan [ns], recorded or simulated.
     pub stamp_ns: i64,
-    /// Prior pose, if the source has one.
-    pub prior: Option<Pose>,
+    /// Prior pose, if the source has one: as it goes out, since a pose that is turned into a matrix, back and again into
+    /// a matrix does not come out with the same bits.
+    pub prior: Option<PoseEstimate>,
+}
+
+/// A recorded or simulated pose map_from_scanner as a prior.
+fn prior_at(map_from_scanner: &Pose) -> PoseEstimate {
+    PoseEstimate { map_from_scanner: rows_from_pose(map_from_scanner), ..PoseEstimate::default() }
 }
 
 /// What is known of a scan once its points are written.
@@ -37,8 +44,19 @@ pub struct Written {
     pub grid: Option<Grid>,
     /// How long the scan took [ns], 0 when unknown.
     pub duration_ns: u64,
-    /// Range limits the points were filtered by already, when the source is a recording.
-    pub filtered: bool,
+    /// How the points were filtered already, when the source is a recording.
+    pub filtered: Option<Filtered>,
+}
+
+/// A filter that was applied when the scan was first taken in.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Filtered {
+    /// The shortest range that was kept [m].
+    pub range_min_m: f32,
+    /// The longest range that was kept [m].
+    pub range_max_m: f32,
+    /// Number of returns that were emptied.
+    pub emptied: u32,
 }
 
 /// A source of scans, known in number and size from the start. Scans can be written in any order and any number of

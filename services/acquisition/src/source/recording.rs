@@ -1,11 +1,11 @@
 //! Scans from a recording of ours.
 
-use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::scan::{Grid, Point};
+use mirador_ipc_schema::messages::PoseEstimate;
 use mirador_ipc_schema::topics;
 use mirador_recorder::{ReadError, RunReader};
 
-use super::{ScanInfo, Source, SourceError, Written, limited};
+use super::{Filtered, ScanInfo, Source, SourceError, Written, limited};
 use crate::AcquisitionConfig;
 
 /// A run.mcap: the raw scans and their priors, bit for bit.
@@ -23,17 +23,16 @@ struct Recorded {
 impl RecordingSource {
     pub(super) fn open(config: &AcquisitionConfig) -> Result<Self, SourceError> {
         let mut reader = RunReader::open(&config.path).map_err(unreadable)?;
-        let mut priors: Vec<(u64, Pose)> = Vec::new();
+        let mut priors: Vec<(u64, PoseEstimate)> = Vec::new();
         reader
             .for_each::<topics::Pose>(|meta, items| {
-                let pose = items.first().and_then(|p| pose_from_rows(&p.map_from_scanner));
-                priors.extend(pose.map(|p| (meta.header.id, p)));
+                priors.extend(items.first().map(|estimate| (meta.header.id, *estimate)));
             })
             .map_err(unreadable)?;
         let mut scans = Vec::new();
         reader
             .for_each_meta::<topics::Scan>(|meta, cells| {
-                let prior = priors.iter().find(|(id, _)| *id == meta.header.id).map(|(_, pose)| *pose);
+                let prior = priors.iter().find(|(id, _)| *id == meta.header.id).map(|(_, estimate)| *estimate);
                 let grid = Grid { rows: meta.rows as usize, cols: meta.cols as usize };
                 scans.push(Recorded {
                     number: meta.header.scan(),
@@ -42,7 +41,11 @@ impl RecordingSource {
                         origin: meta.origin,
                         grid: (grid.cells() > 0).then_some(grid),
                         duration_ns: meta.duration_ns,
-                        filtered: true,
+                        filtered: Some(Filtered {
+                            range_min_m: meta.range_min_m,
+                            range_max_m: meta.range_max_m,
+                            emptied: meta.out_of_range,
+                        }),
                     },
                 });
             })

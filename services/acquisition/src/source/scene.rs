@@ -8,7 +8,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
-use super::{ScanInfo, Source, SourceError, Written, limited};
+use super::{ScanInfo, Source, SourceError, Written, limited, prior_at};
 use crate::AcquisitionConfig;
 
 /// Time between two scans of a tour: driving there and one turn of the head [ns].
@@ -101,7 +101,7 @@ impl Source for SceneSource {
     }
 
     fn info(&self, index: usize) -> Option<ScanInfo> {
-        let prior = *self.priors.get(index)?;
+        let prior = prior_at(self.priors.get(index)?);
         let stamp_ns = i64::try_from(index).unwrap_or(0).saturating_mul(STEP_NS);
         Some(ScanInfo { cells: self.scanner.grid().cells(), stamp_ns, prior: Some(prior) })
     }
@@ -114,7 +114,7 @@ impl Source for SceneSource {
             .scan(&self.scene, pose, seed, self.threads, out, None)
             .map_err(|e| SourceError::Scene(e.to_string()))?;
         let duration_ns = self.scanner.grid().rows as u64 * SWEEP_NS;
-        Ok(Written { origin: [0.0; 3], grid: Some(self.scanner.grid()), duration_ns, filtered: false })
+        Ok(Written { origin: [0.0; 3], grid: Some(self.scanner.grid()), duration_ns, filtered: None })
     }
 }
 

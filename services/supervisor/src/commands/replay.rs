@@ -6,16 +6,21 @@ use anyhow::Result;
 use mirador_acquisition::SourceKind;
 
 use super::session::{Session, load_graph};
-use crate::Registry;
 use crate::cli::{Common, ReplayArgs};
+use crate::graph::{Graph, GraphTable};
+use crate::output_dir::MARK;
+use crate::{Registry, UsageError};
 
 /// Feeds recorded scans through the graph.
 pub fn replay(common: &Common, args: &ReplayArgs, registry: &Registry) -> Result<u8> {
-    let mut graph = load_graph(common, None, registry)?;
+    let mut graph =
+        if is_recording(args) { load_recorded(common, args, registry)? } else { load_graph(common, None, registry)? };
     let acquisition = &mut graph.acquisition;
     acquisition.source = SourceKind::Replay;
     acquisition.path = absolute(&args.path);
-    acquisition.poses = args.poses.as_deref().map(|file| beside(&args.path, file));
+    if let Some(file) = &args.poses {
+        acquisition.poses = Some(beside(&args.path, file));
+    }
     if let Some(grid) = &args.grid {
         acquisition.grid = Some(grid.clone());
     }
@@ -36,6 +41,50 @@ pub fn replay(common: &Common, args: &ReplayArgs, registry: &Registry) -> Result
     let truth = args.truth.as_deref().map(|file| beside(&args.path, file));
     let title = format!("Replay of {}", name_of(&args.path));
     Session { common, graph, out, truth, title }.run()
+}
+
+fn is_recording(args: &ReplayArgs) -> bool {
+    args.path.extension().is_some_and(|ending| ending == "mcap")
+}
+
+/// The graph for a recording: the configuration it was made with, which lies beside it in its output folder, so that
+/// the same bits come out; `--config` and `--set` change it. Where and how fast that run ran is not taken over.
+fn load_recorded(common: &Common, args: &ReplayArgs, registry: &Registry) -> Result<Graph> {
+    refuse_for_recording(args)?;
+    let saved = args.path.with_file_name(MARK);
+    let mut graph = if common.config.is_none() && saved.is_file() {
+        let place = GraphTable::default();
+        let first = [
+            format!("graph.domain=\"{}\"", place.domain),
+            format!("graph.max_points={}", place.max_points),
+            "graph.lockstep=true".to_owned(),
+            "acquisition.speed=0.0".to_owned(),
+        ];
+        let set = first.into_iter().chain(common.set.iter().cloned()).collect();
+        load_graph(&Common { set, ..common.clone() }, Some(&saved), registry)?
+    } else {
+        load_graph(common, None, registry)?
+    };
+    (graph.acquisition.poses, graph.acquisition.grid) = (None, None);
+    Ok(graph)
+}
+
+/// A recording is replayed bit for bit; what would change its scans is refused, not passed over.
+fn refuse_for_recording(args: &ReplayArgs) -> Result<()> {
+    let given = [
+        ("--poses", args.poses.is_some()),
+        ("--grid", args.grid.is_some()),
+        ("--min-range", args.min_range.is_some()),
+        ("--max-range", args.max_range.is_some()),
+    ];
+    match given.iter().find(|(_, is_given)| *is_given) {
+        None => Ok(()),
+        Some((option, _)) => Err(UsageError(format!(
+            "{}: a recording has its own poses, grid and range limits; leave out {option}",
+            args.path.display()
+        ))
+        .into()),
+    }
 }
 
 fn name_of(path: &Path) -> String {

@@ -94,8 +94,7 @@ impl Session<'_> {
         };
         let services = self.graph.services.entries();
         let names = services.iter().map(|(name, _)| *name).filter(|name| *name != "acquisition");
-        self.graph.acquisition.lockstep_with =
-            if self.graph.graph.lockstep { names.map(str::to_owned).collect() } else { Vec::new() };
+        self.graph.acquisition.lockstep_with = names.map(str::to_owned).collect();
         if self.graph.graph.lockstep && self.graph.acquisition.speed > 0.0 {
             return Err(
                 UsageError("graph.lockstep and acquisition.speed exclude each other: set one of them".into()).into()
@@ -158,6 +157,10 @@ impl Session<'_> {
             restarts: outcome.restarts,
             services: outcome.services.clone(),
             interrupted: outcome.ended == Ended::Interrupted,
+            fault: match &outcome.ended {
+                Ended::Fault(reason) => Some(reason.clone()),
+                Ended::InputEnded | Ended::Interrupted => None,
+            },
             wall_time: outcome.wall,
             config,
         };

@@ -46,6 +46,8 @@ pub struct RunFacts {
     pub services: Vec<ServiceTotals>,
     /// The user ended the run.
     pub interrupted: bool,
+    /// What made it impossible to go on, in words.
+    pub fault: Option<String>,
     /// Duration of the run.
     pub wall_time: Duration,
     /// The configuration as used, TOML.

@@ -71,6 +71,9 @@ fn ending(summary: &Summary) -> Markup {
                 (Some(code), Some(words)) => { "Ended: " (words) " (" code { (code) } ")." },
                 _ => { "The recording does not say why the run ended." },
             }
+            @if let (Some(code), Some(words)) = (&summary.last_decision, &summary.last_decision_text) {
+                " The last decision: " (words) " (" code { (code) } ")."
+            }
             @if !summary.recording_complete { " The recording was cut off; what is shown is what was saved of it." }
         }
     }

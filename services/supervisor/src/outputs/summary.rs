@@ -29,6 +29,10 @@ pub struct Summary {
     pub stop_reason: Option<String>,
     /// The same in words.
     pub stop_reason_text: Option<String>,
+    /// Short name of the last decision; null when none was taken.
+    pub last_decision: Option<String>,
+    /// The same in words.
+    pub last_decision_text: Option<String>,
     /// Share of the cells the robot can reach that are known, in [0, 1].
     pub coverage: Option<f64>,
     /// Mean quality of the known cells, in [0, 1].
@@ -105,6 +109,7 @@ impl Summary {
     pub fn of(data: &RunData, facts: &RunFacts) -> Self {
         let aligned = data.scans.iter().filter(|s| s.is_aligned()).count();
         let (stop_reason, stop_reason_text) = stop_reason(data, facts).unzip();
+        let (last_decision, last_decision_text) = data.last_plan.as_ref().map(|(plan, _)| words(plan)).unzip();
         let total = |of: fn(&ServiceTotals) -> u64| facts.services.iter().map(of).sum();
         let has_map = !data.map.tiles.is_empty();
         Self {
@@ -115,6 +120,8 @@ impl Summary {
             points: data.scans.iter().map(|s| u64::from(s.scan.returns)).sum(),
             stop_reason,
             stop_reason_text,
+            last_decision,
+            last_decision_text,
             coverage: coverage(data, facts),
             quality: quality(data),
             distance_m: data.distance_m(),
@@ -135,21 +142,27 @@ impl Summary {
     }
 }
 
-/// Short name and words of why the run ended: the decision to stop comes before what ended the run around it.
+/// Short name and words of a decision.
+fn words(plan: &ViewPlanMeta) -> (String, String) {
+    (text::unpack(&plan.reason_code).into(), text::unpack(&plan.reason).into())
+}
+
+/// Short name and words of why the run ended. Recorded scans come to their end whatever was decided after them, so the
+/// decision to stop is the reason only where nothing else ended the run.
 fn stop_reason(data: &RunData, facts: &RunFacts) -> Option<(String, String)> {
-    let words = |plan: &ViewPlanMeta| (text::unpack(&plan.reason_code).into(), text::unpack(&plan.reason).into());
-    match &data.last_plan {
-        Some((plan, _)) if plan.decision == DECISION_STOP => return Some(words(plan)),
-        _ => {}
-    }
     let said = |code: &str, words: &str| Some((code.to_owned(), words.to_owned()));
+    if let Some(fault) = &facts.fault {
+        return said("fault", fault);
+    }
     if facts.interrupted {
         return said("interrupted", "the user ended the run");
     }
     match data.source {
         SourceEnd::Ended => said("input_ended", "all scans of the source were processed"),
         SourceEnd::Fault => said("fault", "the source of the scans could not go on"),
-        SourceEnd::Open => None,
+        SourceEnd::Open => {
+            data.last_plan.as_ref().filter(|(plan, _)| plan.decision == DECISION_STOP).map(|(plan, _)| words(plan))
+        }
     }
 }
 

@@ -195,6 +195,7 @@ pub(crate) fn facts() -> RunFacts {
         restarts: 2,
         services: vec![service("alignment", 1), service("planning", 2)],
         interrupted: false,
+        fault: None,
         wall_time: Duration::from_millis(4500),
         config: "seed = 1\n".into(),
     }

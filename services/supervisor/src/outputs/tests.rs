@@ -51,6 +51,24 @@ fn the_summary_has_every_promised_key_with_the_value_computed_by_hand() {
 }
 
 #[test]
+fn a_run_whose_input_ended_says_so_and_keeps_the_last_decision_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    record_run(folder.path());
+    let mut data = RunData::read(&mut RunReader::open(&folder.path().join(RUN_FILE)).unwrap()).unwrap();
+    data.source = SourceEnd::Ended;
+    let ended = |facts: &RunFacts| {
+        let summary = Summary::of(&data, facts);
+        assert_eq!(summary.last_decision.as_deref(), Some("done"));
+        assert_eq!(summary.last_decision_text.as_deref(), Some("the model is good enough"));
+        (summary.stop_reason.unwrap(), summary.stop_reason_text.unwrap())
+    };
+    assert_eq!(ended(&facts()).0, "input_ended");
+    assert_eq!(ended(&RunFacts { interrupted: true, ..facts() }).0, "interrupted");
+    let fault = RunFacts { fault: Some("planning ended (signal 9)".into()), ..facts() };
+    assert_eq!(ended(&fault), ("fault".into(), "planning ended (signal 9)".into()));
+}
+
+#[test]
 fn the_latency_of_every_stage_is_in_the_summary() {
     let run = Run::new(&facts());
     let stages = &run.summary["latency_ms"];

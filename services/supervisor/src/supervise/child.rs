@@ -42,7 +42,12 @@ impl Launch {
             command.args(["--incarnation", &incarnation.to_string(), "--run", &self.run.to_string()]);
             command.args(&self.common);
         } else {
-            command.args(["exec-child", "--parent", &parent, "--"]).args(&self.entry.command);
+            command.args(["exec-child", "--parent", &parent]);
+            if !self.entry.cores.is_empty() {
+                let cores: Vec<String> = self.entry.cores.iter().map(usize::to_string).collect();
+                command.args(["--cores", &cores.join(",")]);
+            }
+            command.arg("--").args(&self.entry.command);
             command.env("MIRADOR_INCARNATION", incarnation.to_string());
             command.env("MIRADOR_RUN_DIR", &self.run_dir);
         }
@@ -130,12 +135,10 @@ impl Supervised {
     /// Looks after it: reaps it when it has died and starts it again when its rule says so. `clean` frees what the dead
     /// process has left in shared memory and is called before the new one starts.
     pub fn look_after(&mut self, clean: &dyn Fn()) -> Result<Fate> {
-        if let Some(child) = &mut self.child {
-            let Some(status) = child.try_wait().context("a child cannot be waited for")? else {
+        if self.child.is_some() {
+            let Some(status) = self.reap().context("a child cannot be waited for")? else {
                 return Ok(Fate::Running);
             };
-            self.child = None;
-            self.last_status = Some(status);
             clean();
             if !self.should_restart(status) {
                 return Ok(if status.success() { Fate::Ended } else { Fate::GaveUp });
@@ -152,6 +155,18 @@ impl Supervised {
             Some(_) => Ok(Fate::Waiting),
             None => Ok(Fate::Ended),
         }
+    }
+
+    /// The end of the process, if it has come. What it has started ends with it.
+    fn reap(&mut self) -> std::io::Result<Option<ExitStatus>> {
+        let Some(child) = &mut self.child else { return Ok(None) };
+        let status = child.try_wait()?;
+        if status.is_some() {
+            self.signal(Signal::KILL);
+            self.child = None;
+            self.last_status = status;
+        }
+        Ok(status)
     }
 
     fn should_restart(&mut self, status: ExitStatus) -> bool {
@@ -180,7 +195,7 @@ impl Supervised {
 
     /// Whether the process is alive.
     pub fn is_alive(&mut self) -> bool {
-        self.child.as_mut().is_some_and(|child| matches!(child.try_wait(), Ok(None)))
+        self.child.is_some() && matches!(self.reap(), Ok(None))
     }
 
     /// Sends a signal to the process and its descendants.
