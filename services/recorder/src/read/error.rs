@@ -73,3 +73,15 @@ pub enum ReadError {
         present: String,
     },
 }
+
+impl ReadError {
+    /// Whether there is no recording yet, or none with anything in it.
+    #[must_use]
+    pub fn is_nothing_recorded(&self) -> bool {
+        match self {
+            Self::Empty { .. } => true,
+            Self::Io { source, .. } => source.kind() == io::ErrorKind::NotFound,
+            _ => false,
+        }
+    }
+}

@@ -23,18 +23,6 @@ use index::Declared;
 
 pub use error::ReadError;
 
-impl ReadError {
-    /// Whether there is no recording yet, or none with anything in it.
-    #[must_use]
-    pub fn is_nothing_recorded(&self) -> bool {
-        match self {
-            Self::Empty { .. } => true,
-            Self::Io { source, .. } => source.kind() == io::ErrorKind::NotFound,
-            _ => false,
-        }
-    }
-}
-
 /// Where one message lies.
 #[derive(Debug, Clone, Copy)]
 struct Entry {
