@@ -1,5 +1,7 @@
 //! What a user can get wrong: one line that says what to do, the right exit code, and nothing left behind.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::fmt::Write as _;

@@ -1,5 +1,7 @@
 //! The same input gives the same bits: again, from the recording, and with any number of threads.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use mirador_ipc_schema::{text, topics};

@@ -1,5 +1,7 @@
 //! Many scans in a row: memory depends on the map, not on how long the graph runs.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::collections::BTreeMap;

@@ -1,5 +1,7 @@
 //! What happens when processes die: nothing that was measured is lost, and the result is the same.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::collections::BTreeSet;

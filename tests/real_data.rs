@@ -1,5 +1,7 @@
 //! Recorded scans of real sensors through the whole graph, and what comes out of it.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::fs;

@@ -1,5 +1,7 @@
 //! The built-in scene through the whole graph, as processes.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use support::{Stage, summary};

@@ -1,5 +1,7 @@
 //! The command line beside the runs: conversions, help, services, graph files, foreign programs.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::fs;

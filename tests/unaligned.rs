@@ -1,5 +1,7 @@
 //! A scan that fits nowhere is flagged, and the run goes on without it.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::fs;

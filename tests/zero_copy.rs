@@ -1,5 +1,7 @@
 //! The points of a scan are written once; every process reads them where they were written.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 mod support;
 
 use std::collections::{BTreeMap, BTreeSet};

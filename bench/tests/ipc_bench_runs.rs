@@ -1,5 +1,7 @@
 //! The message benchmark between two real processes over real shared memory, small. No timing is judged.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
 use std::time::Duration;
 
 use mirador_bench::ipc::{BenchError, IpcOptions, Payload, Wake, run};

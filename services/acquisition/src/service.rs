@@ -9,7 +9,7 @@ use mirador_ipc_schema::messages::{
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, clock, text, topics};
-use mirador_service_common::{CheckpointError, ServiceError, checkpoint};
+use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place};
 
 use crate::AcquisitionConfig;
 use crate::no_return::empty_no_returns;
@@ -165,11 +165,7 @@ impl<'a> Acquisition<'a> {
             out_of_range: filtered.emptied,
             ..ScanMeta::default()
         };
-        if tracing::enabled!(tracing::Level::DEBUG) {
-            if let Some(place) = loan.location() {
-                tracing::debug!(scan = step, inode = place.inode, offset = place.offset, "payload");
-            }
-        }
+        log_place(step, || loan.location());
         Ok(loan.send()?)
     }
 

@@ -122,7 +122,7 @@ impl<'a> Alignment<'a> {
             self.health.finished(participant, self.finished_scans, Duration::ZERO);
             return Ok(());
         }
-        log_place(number, scan);
+        log_place(number, || scan.location());
         let prior = self.prior_of.remove(&id);
         self.prior_of.retain(|other, _| *other > id);
         if prior.is_none() && scan.meta().flags & SCAN_HAS_PRIOR != 0 {

@@ -127,7 +127,7 @@ impl Analysis {
             self.health.finished(participant, self.finished_scans, Duration::ZERO);
             return Ok(());
         }
-        log_place(number, &scan);
+        log_place(number, || scan.location());
         let begin = Instant::now();
         let began_ns = clock::monotonic_ns();
         self.surface

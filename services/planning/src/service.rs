@@ -169,7 +169,7 @@ impl<'a> Planning<'a> {
             self.health.finished(participant, self.finished_scans, Duration::ZERO);
             return Ok(());
         }
-        log_place(number, &step.scan);
+        log_place(number, || step.scan.location());
         let began_ns = clock::monotonic_ns();
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let map_from_scanner = pose_from_rows(&step.alignment.map_from_scanner)
