@@ -23,6 +23,8 @@ pub trait Topic: 'static {
 pub enum Lag {
     /// The oldest message is replaced; the reader counts the gap.
     DropOldest,
+    /// The oldest message is replaced, and nobody misses it: every message says all that those before it said.
+    Supersede,
     /// The publisher waits up to its back-pressure limit, then reports that it could not deliver.
     Wait,
 }
@@ -93,6 +95,7 @@ impl Sizes {
 
 const WAIT: Lag = Lag::Wait;
 const DROP: Lag = Lag::DropOldest;
+const LAST: Lag = Lag::Supersede;
 
 macro_rules! topics {
     ($($(#[$doc:meta])* $topic:ident = $name:literal from $publisher:literal: $meta:ident [$item:ident; $capacity:expr],
@@ -232,7 +235,7 @@ topics! {
         pub 1 sub 6 buffer 8 borrowed 2 history 1 loaned 1 DROP;
     /// Health, progress and lockstep acknowledgements of every service.
     ServiceHealth = "service_health" from "": Envelope [ServiceHealth; Fixed(1)],
-        pub 16 sub 8 buffer 16 borrowed 2 history 1 loaned 1 DROP;
+        pub 16 sub 8 buffer 16 borrowed 2 history 1 loaned 1 LAST;
 }
 
 #[cfg(test)]

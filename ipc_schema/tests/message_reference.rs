@@ -193,6 +193,7 @@ fn topic_table() -> String {
         let lag = match r.lag {
             Lag::Wait => "wait",
             Lag::DropOldest => "drop",
+            Lag::Supersede => "supersede",
         };
         let capacity = match r.capacity {
             Capacity::Fixed(n) => n.to_string(),

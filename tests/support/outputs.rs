@@ -13,7 +13,7 @@ use mirador_ipc_schema::topics;
 use mirador_recorder::{RUN_FILE, RunReader};
 use serde_json::Value;
 
-/// Bytes of one point of `model.ply`: x, y, z, quality as f32, intensity as u16, scan as u32, aligned as u8.
+/// Bytes of one point of `model.ply`: x, y, z, quality as f32, scan as u32, intensity as u16, aligned as u8.
 const MODEL_ROW: usize = 23;
 
 /// One point of `model.ply` beside its coordinates.
@@ -41,13 +41,13 @@ impl Model {
             header.lines().filter_map(|l| l.strip_prefix(prefix)).map(str::to_owned).collect()
         };
         let expected =
-            ["float x", "float y", "float z", "ushort intensity", "float quality", "uint scan", "uchar aligned"];
+            ["float x", "float y", "float z", "float quality", "uint scan", "ushort intensity", "uchar aligned"];
         assert_eq!(lines("property "), expected);
         let count: usize = lines("element vertex ")[0].parse().unwrap();
         assert_eq!(bytes.len() - end, count * MODEL_ROW, "the count of the header is that of the file");
         let points = bytes[end..].chunks_exact(MODEL_ROW).map(|row| ModelPoint {
-            quality: f32::from_le_bytes(row[14..18].try_into().unwrap()),
-            scan: u32::from_le_bytes(row[18..22].try_into().unwrap()),
+            quality: f32::from_le_bytes(row[12..16].try_into().unwrap()),
+            scan: u32::from_le_bytes(row[16..20].try_into().unwrap()),
             aligned: row[22],
         });
         Self { comments: lines("comment "), points: points.collect() }

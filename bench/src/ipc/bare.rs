@@ -61,7 +61,7 @@ impl BareNode {
             .subscriber_max_buffer_size(rules.buffer)
             .subscriber_max_borrowed_samples(rules.borrowed)
             .history_size(rules.history)
-            .enable_safe_overflow(rules.lag == Lag::DropOldest)
+            .enable_safe_overflow(rules.lag != Lag::Wait)
             .open_or_create()
             .map_err(BenchError::iceoryx("open the service"))
     }

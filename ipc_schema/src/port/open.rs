@@ -96,7 +96,7 @@ pub(super) fn pub_sub<T: Topic>(node: &Node<ipc::Service>, domain: &Domain) -> R
         .subscriber_max_buffer_size(rules.buffer)
         .subscriber_max_borrowed_samples(rules.borrowed)
         .history_size(rules.history)
-        .enable_safe_overflow(rules.lag == Lag::DropOldest)
+        .enable_safe_overflow(rules.lag != Lag::Wait)
         .open_or_create_with_attributes(&attributes)
         .map_err(|error| match existing(&name, domain) {
             Some(there) => PortError::Mismatch {

@@ -13,7 +13,7 @@ use iceoryx2::sample::Sample;
 use super::maps::{self, SegmentLocation};
 use super::{Counters, Participant, PortError, Wake, Wakeable, open};
 use crate::messages::{Header, Meta};
-use crate::topics::Topic;
+use crate::topics::{Lag, Topic};
 
 /// Why a message could not be received.
 #[derive(Debug, thiserror::Error)]
@@ -127,7 +127,7 @@ impl<T: Topic> Subscriber<T> {
             return;
         };
         let lost = header.sequence.saturating_sub(origin.next_sequence);
-        if lost > 0 {
+        if lost > 0 && T::RULES.lag != Lag::Supersede {
             Counters::add(&self.counters.lost, lost);
             tracing::warn!(topic = T::RULES.name, lost, next = header.sequence, "messages are missing");
         }

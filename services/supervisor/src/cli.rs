@@ -23,7 +23,7 @@ pub struct Cli {
 /// Options of every command.
 #[derive(Debug, Clone, Args)]
 pub struct Common {
-    /// Folder for the results [default: mirador-out, or mirador-out-NAME]; an earlier output of ours is kept aside.
+    /// Folder for the results [default: mirador-out]; an earlier output of ours is kept aside.
     #[arg(long, global = true, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Graph file to use instead of the built-in one.

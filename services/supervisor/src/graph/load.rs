@@ -143,10 +143,11 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
     if let Err(error) = graph.alignment.check(registry) {
         return fail("alignment.registration", error.to_string());
     }
-    let checks: [(&str, Result<(), String>); 4] = [
+    let checks: [(&str, Result<(), String>); 5] = [
         ("acquisition", graph.acquisition.validate().map_err(|e| e.to_string())),
         ("alignment", graph.alignment.validate().map_err(|e| e.to_string())),
         ("analysis", graph.analysis.validate().map_err(|e| e.to_string())),
+        ("recorder", graph.recorder.validate().map_err(|e| e.to_string())),
         ("planning", graph.planning.validate().map_err(|e| e.to_string())),
     ];
     for (table, result) in checks {

@@ -19,6 +19,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use mirador_core::formats::WriteError;
 use mirador_recorder::{RUN_FILE, ReadError, RunReader};
 
 pub use facts::{RunFacts, ServiceTotals};
@@ -32,6 +33,9 @@ pub enum OutputError {
     /// The recording cannot be read.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// The model cannot be written.
+    #[error(transparent)]
+    Model(#[from] WriteError),
     /// A file cannot be written.
     #[error("cannot write '{path}': {source}")]
     Write {

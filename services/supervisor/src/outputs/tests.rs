@@ -130,18 +130,18 @@ fn the_model_holds_every_return_with_quality_scan_and_flag() {
     assert!(header.contains("\nelement vertex 12\n"), "{header}");
     assert!(header.contains("comment scan 2 is not aligned: overlap 0.10 is below 0.30\n"));
     let properties: Vec<_> = header.lines().filter_map(|l| l.strip_prefix("property ")).collect();
-    let expected = ["float x", "float y", "float z", "ushort intensity", "float quality", "uint scan", "uchar aligned"];
+    let expected = ["float x", "float y", "float z", "float quality", "uint scan", "ushort intensity", "uchar aligned"];
     assert_eq!(properties, expected);
     let rows: Vec<&[u8]> = bytes[end..].chunks(23).collect();
     assert_eq!((rows.len(), bytes.len() - end), (12, 12 * 23));
     let float = |row: &[u8], at: usize| f32::from_le_bytes(row[at..at + 4].try_into().unwrap());
-    let scan = |row: &[u8]| u32::from_le_bytes(row[18..22].try_into().unwrap());
+    let scan = |row: &[u8]| u32::from_le_bytes(row[16..20].try_into().unwrap());
     // The first point of scan 1, at its corrected pose (3, 4).
     assert_eq!((float(rows[4], 0), float(rows[4], 4), float(rows[4], 8)), (4.0, 4.0, 0.25));
-    assert_eq!((u16::from_le_bytes([rows[4][12], rows[4][13]]), scan(rows[4]), rows[4][22]), (7, 1, 1));
-    assert!((float(rows[4], 14) - 0.5).abs() < 1e-4);
+    assert_eq!((u16::from_le_bytes([rows[4][20], rows[4][21]]), scan(rows[4]), rows[4][22]), (7, 1, 1));
+    assert!((float(rows[4], 12) - 0.5).abs() < 1e-4);
     // The last point of every scan has no valid score; scan 2 is not aligned.
-    assert_eq!((float(rows[11], 14), scan(rows[11]), rows[11][22]), (-1.0, 2, 0));
+    assert_eq!((float(rows[11], 12), scan(rows[11]), rows[11][22]), (-1.0, 2, 0));
 }
 
 #[test]
