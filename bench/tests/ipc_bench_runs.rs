@@ -15,7 +15,7 @@ const LARGE: usize = 16 * 1000;
 /// A few messages in the domain `name-PID`.
 fn options(name: &str) -> IpcOptions {
     IpcOptions {
-        payloads: [SMALL, LARGE].map(|bytes| Payload { bytes, messages: MESSAGES }).to_vec(),
+        payloads: [SMALL, LARGE].map(|bytes| Payload { bytes, messages: MESSAGES, written_before: 0 }).to_vec(),
         wakes: vec![Wake::Event, Wake::Poll],
         copies: true,
         pace: Duration::from_micros(300),

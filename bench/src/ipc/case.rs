@@ -12,6 +12,9 @@ use super::BenchError;
 /// Bytes of one item of the payload.
 pub(super) const ITEM_BYTES: usize = size_of::<Point>();
 
+/// Bytes of a full scan of the default scanner: 541 beams x 720 sweeps.
+const FULL_SCAN: usize = 541 * 720 * ITEM_BYTES;
+
 /// A payload and how often it is sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Payload {
@@ -19,6 +22,9 @@ pub struct Payload {
     pub bytes: usize,
     /// Measured messages of each transport, at least 1.
     pub messages: u64,
+    /// Bytes the publisher writes to memory of its own before each message. With a small payload this shows what a hop
+    /// costs with the cold caches that writing a large one leaves, so that size and caches can be told apart.
+    pub written_before: usize,
 }
 
 /// Options of the message benchmark.
@@ -46,8 +52,9 @@ impl Default for IpcOptions {
     fn default() -> Self {
         Self {
             payloads: vec![
-                Payload { bytes: 64, messages: 1000 },
-                Payload { bytes: 389_520 * ITEM_BYTES, messages: 300 },
+                Payload { bytes: 64, messages: 1000, written_before: 0 },
+                Payload { bytes: FULL_SCAN, messages: 300, written_before: 0 },
+                Payload { bytes: 64, messages: 300, written_before: FULL_SCAN },
             ],
             wakes: vec![Wake::Event, Wake::Poll],
             copies: true,
@@ -73,6 +80,9 @@ impl IpcOptions {
         }
         if self.payloads.iter().any(|p| p.bytes == 0 || p.bytes % ITEM_BYTES != 0) {
             return bad("payloads", "bytes must be a multiple of 16, from 16 on");
+        }
+        if self.payloads.iter().any(|p| p.written_before % ITEM_BYTES != 0) {
+            return bad("payloads", "written_before must be a multiple of 16");
         }
         if self.payloads.iter().any(|p| p.messages == 0) {
             return bad("payloads", "messages must be at least 1");
@@ -155,6 +165,8 @@ pub(super) struct Case {
     pub poll: bool,
     /// Points of a payload.
     pub points: usize,
+    /// See [`Payload::written_before`].
+    pub written_before: usize,
     /// Rounds that are not counted.
     pub warm_up: u64,
     /// Rounds in all; each sends one message over each transport.
@@ -188,7 +200,16 @@ mod tests {
 
     fn case(rounds: u64) -> Case {
         let domain = "a".into();
-        Case { domain, pair: IN_PLACE, poll: true, points: 4, warm_up: 1, rounds, subscriber_core: Some(1) }
+        Case {
+            domain,
+            pair: IN_PLACE,
+            poll: true,
+            points: 4,
+            written_before: 0,
+            warm_up: 1,
+            rounds,
+            subscriber_core: Some(1),
+        }
     }
 
     #[test]
@@ -207,7 +228,7 @@ mod tests {
     fn an_option_outside_its_range_is_named() {
         let good = IpcOptions { peer_command: vec!["x".into()], ..IpcOptions::default() };
         assert!(good.validate().is_ok());
-        let odd = IpcOptions { payloads: vec![Payload { bytes: 65, messages: 1 }], ..good.clone() };
+        let odd = IpcOptions { payloads: vec![Payload { bytes: 65, messages: 1, written_before: 0 }], ..good.clone() };
         assert!(odd.validate().unwrap_err().to_string().contains("payloads"));
         let slow = IpcOptions { pace: Duration::from_secs(2), ..good.clone() };
         assert!(slow.validate().unwrap_err().to_string().contains("pace"));

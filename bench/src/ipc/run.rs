@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 
 use super::bare::BareNode;
 use super::case::{COPIED, Case, IN_PLACE, ITEM_BYTES, Pair};
-use super::payload::point;
+use super::payload::{fill, point};
 use super::peer::{Report, socket_path};
 use super::peer_process::PeerProcess;
 use super::send::{Send, SendBytes, SendIceoryx2, SendMirador};
@@ -73,6 +73,7 @@ fn run_cases(options: &IpcOptions, domain: &Domain) -> Result<Vec<Row>, BenchErr
             pair,
             poll: wake == Wake::Poll,
             points: payload.bytes / ITEM_BYTES,
+            written_before: payload.written_before,
             warm_up: options.warm_up,
             rounds: options.warm_up + payload.messages,
             subscriber_core: cores.map(|(_, subscriber)| subscriber),
@@ -81,7 +82,7 @@ fn run_cases(options: &IpcOptions, domain: &Domain) -> Result<Vec<Row>, BenchErr
         for wake in &options.wakes {
             rows.add(&run_case(options, domain, case(IN_PLACE, *wake))?);
         }
-        if options.copies {
+        if options.copies && payload.written_before == 0 {
             rows.add(&run_case(options, domain, case(COPIED, Wake::Event))?);
         }
     }
@@ -114,6 +115,7 @@ fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measure
     let rounds = usize::try_from(case.rounds).unwrap_or(0);
     let (mut write, mut send) =
         ([(); 2].map(|()| Vec::with_capacity(rounds)), [(); 2].map(|()| Vec::with_capacity(rounds)));
+    let mut elsewhere = vec![point(1, 1); case.written_before / ITEM_BYTES];
     let mut pace = Pace { next: Instant::now(), step: options.pace };
     for (round, place) in case.turns() {
         pace.wait();
@@ -124,6 +126,8 @@ fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measure
         if let Some(status) = peer.ended() {
             return Err(peer.failed(format!("it ended with {status}")));
         }
+        fill(&mut elsewhere, round);
+        std::hint::black_box(&elsewhere);
         let sent = senders[place].send(round)?;
         if round >= case.warm_up {
             write[place].push(sent.write_ns);
@@ -242,6 +246,9 @@ fn row(name: &str, unit: &str, case: &Case, transport: Option<Transport>, summar
         ("wake".to_owned(), json!(wake)),
         ("subscribers".to_owned(), json!(1)),
     ]);
+    if case.written_before > 0 {
+        params.insert("written_before_bytes".into(), json!(case.written_before));
+    }
     if let Some(transport) = transport {
         params.insert("transport".into(), Value::from(transport.name()));
     }

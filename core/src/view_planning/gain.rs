@@ -132,7 +132,8 @@ impl<'a> GainModel<'a> {
             if range > 0.0 { zone.normal.dot(&ray).abs() / range } else { 0.0 }
         };
         let in_range = |zone: &&Zone| (zone.centre.x - x).hypot(zone.centre.y - y) <= self.range_m;
-        self.zones.iter().filter(in_range).filter(seen).map(face).sum()
+        // Not `sum`, which makes -0 of nothing.
+        self.zones.iter().filter(in_range).filter(seen).map(face).fold(0.0, |sum, area| sum + area)
     }
 
     fn grid_cell(&self, zone: &Zone) -> Option<CellIndex> {

@@ -142,7 +142,7 @@ fn explain_plan(plan: Option<&ViewPlanMeta>, candidates: &[CandidateView], out: 
         p.zones
     )?;
     let [a, q, o, c] = p.weights;
-    writeln!(out, "    weights: A {a}, Q {q}, O {o}, C {c}; stops below utility {}", p.utility_threshold)?;
+    writeln!(out, "    weights: A {a}, Q {q}, O {o}, C {c}; stops below utility {:.4}", p.utility_threshold)?;
     valued(p, candidates, out)?;
     rejected(candidates, out)?;
     let (code, words) = (text::unpack(&p.reason_code), text::unpack(&p.reason));
