@@ -125,6 +125,15 @@ impl Domain {
         }
         let root = self.root();
         fs::create_dir_all(&root).map_err(|source| io(&root, source))?;
+        self.config_of_existing()
+    }
+
+    /// As [`Domain::config`], but makes nothing: for those who only look.
+    ///
+    /// # Errors
+    /// [`DomainError::BadPath`].
+    pub(crate) fn config_of_existing(&self) -> Result<Config, DomainError> {
+        let root = self.root();
         let mut config = Config::default();
         let bad = |reason: String| DomainError::BadPath { path: root.clone(), reason };
         config.global.prefix = FileName::new(self.prefix().as_bytes()).map_err(|e| bad(format!("{e:?}")))?;

@@ -152,7 +152,12 @@ impl Participant {
     /// When the domain's folders cannot be read.
     pub fn peers(domain: &Domain) -> Result<Vec<Peer>, JoinError> {
         set_log_level(LogLevel::Fatal);
-        let config = domain.config()?;
+        // To look must not make anything: a folder made here could be taken for one that is in use, or its removal
+        // could hit somebody who is just joining.
+        if !domain.root().exists() {
+            return Ok(Vec::new());
+        }
+        let config = domain.config_of_existing()?;
         let mut peers = Vec::new();
         let listed = Node::<ipc::Service>::list(&config, |state| {
             let (details, alive) = match &state {
