@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use mirador_ipc_schema::budget;
 use mirador_ipc_schema::topics::Sizes;
 use support::observer::Observer;
-use support::{Finished, Stage, finish, living, signal, small_scanner, summary};
+use support::{Finished, Stage, finish, living, say_skipped, signal, small_scanner, summary};
 
 /// Runs the program and expects it to refuse: this exit code, and one line with all these words in it.
 fn refused(stage: &Stage, arguments: &[&str], code: i32, words: &[&str]) -> String {
@@ -119,7 +119,7 @@ fn a_path_that_may_not_be_read() {
             Ok(finished) if !finished.stderr.starts_with("setpriv") => {
                 assert_refused(&finished, 2, &["scans", "cannot be read", "check that you may read it"]);
             }
-            _ => println!("SKIPPED: a_path_that_may_not_be_read: this is root, and setpriv cannot become another user"),
+            _ => say_skipped("a_path_that_may_not_be_read", "this is root, and setpriv cannot become another user"),
         }
     } else {
         assert_refused(&own, 2, &["scans", "cannot be read", "check that you may read it"]);
@@ -264,7 +264,7 @@ fn shared_memory_that_is_too_small_is_told_before_anything_starts() {
     let services = ["acquisition", "alignment", "analysis", "planning", "recorder"];
     let needed = budget::total(&budget::of_graph(&services, &Sizes { scan_points: points }));
     let Some(finished) = with_shared_memory(&stage, needed / 2, &arguments) else {
-        println!("SKIPPED: shared_memory_that_is_too_small: mounting a small /dev/shm is not permitted here");
+        say_skipped("shared_memory_that_is_too_small", "mounting a small /dev/shm is not permitted here");
         return;
     };
     assert_refused(&finished, 2, &["/dev/shm", "MB", "--shm-size=", "graph.max_points"]);

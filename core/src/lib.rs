@@ -24,3 +24,6 @@ pub mod view_planning;
 pub mod simulation;
 
 pub mod formats;
+
+#[cfg(test)]
+mod test_data;

@@ -1,7 +1,5 @@
 //! Synthetic scenes and real scans for the tests of this module and of `slam6d`.
 
-use std::path::PathBuf;
-
 use nalgebra::{Point3, Quaternion, Translation3, UnitQuaternion};
 
 use crate::geometry::Pose;
@@ -59,22 +57,7 @@ pub fn scan_of(scene: &[Rectangle], map_from_scanner: &Pose, per_square_metre: f
     points
 }
 
-/// The folder of the real data, or `None` after saying plainly that the test is skipped.
-pub fn data(test: &str, folder: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("MIRADOR_DATA")
-        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")), PathBuf::from);
-    let path = root.join(folder);
-    if path.is_dir() {
-        return Some(path);
-    }
-    assert!(
-        std::env::var_os("MIRADOR_DATA_REQUIRED").is_none_or(|v| v != "1"),
-        "{test}: no data at {}",
-        path.display()
-    );
-    println!("SKIPPED: {test}: no data at {}", path.display());
-    None
-}
+pub(crate) use crate::test_data::data;
 
 /// Little-endian f32 triples.
 pub fn read_xyz32(path: &std::path::Path) -> Vec<Point> {

@@ -94,16 +94,7 @@ pub(crate) fn pitching(scene: &[Shape], step_deg: f64, top_deg: f64, sigma_m: f6
 
 /// The folder of recorded scans, or `None` after saying that the test is skipped.
 pub(crate) fn data_folder(test: &str) -> Option<std::path::PathBuf> {
-    let folder = std::env::var_os("MIRADOR_DATA").map_or_else(
-        || std::path::PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-        std::path::PathBuf::from,
-    );
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    assert!(std::env::var("MIRADOR_DATA_REQUIRED").as_deref() != Ok("1"), "{test}: no data at {}", folder.display());
-    println!("SKIPPED: {test}: no data at {}", folder.display());
-    None
+    crate::test_data::data(test, "")
 }
 
 /// The first scan of the pitching indoor laser: 226 sweeps of 360 beams, centimetres, left-handed.

@@ -2,20 +2,8 @@
 
 use super::*;
 use crate::geometry::{Pose, pose_from_rows};
+use crate::test_data::data as data_set;
 use nalgebra::{Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use std::env;
-
-/// The folder of a data set, or `None` after saying that the test is skipped.
-fn data_set(test: &str, name: &str) -> Option<PathBuf> {
-    let default = concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data");
-    let folder = PathBuf::from(env::var("MIRADOR_DATA").unwrap_or_else(|_| default.into())).join(name);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    assert!(env::var("MIRADOR_DATA_REQUIRED").as_deref() != Ok("1"), "{test}: no data at {}", folder.display());
-    println!("SKIPPED: {test}: no data at {}", folder.display());
-    None
-}
 
 /// The mean distance from sampled points of `source`, moved by `target_from_source`, to their nearest in `target` [m];
 /// each counts 0.3 m at most, as not everything overlaps.
