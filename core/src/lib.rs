@@ -10,6 +10,7 @@
 
 pub mod geometry;
 pub mod scan;
+mod simd;
 mod threads;
 
 pub mod surface;

@@ -29,7 +29,7 @@ pub struct Alignment {
     pub iterations: u32,
     /// The last step was below the tolerances, at the final pair distance.
     pub converged: bool,
-    /// The returned pose lies on the border of the limits: the true one may be beyond.
+    /// The search ended at the border of the limits: the true pose may be beyond.
     pub limit_reached: bool,
     /// Which directions of motion the geometry determines.
     pub constraint: Constraint,

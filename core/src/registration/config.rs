@@ -39,24 +39,13 @@ pub struct PreparationConfig {
     pub max_range_m: f64,
     /// Edge of the voxels; the returns in one voxel become their centroid [m].
     pub voxel_m: f64,
-    /// Nearest points, itself included, from which a point's normal is fitted.
-    pub normal_neighbours: usize,
-    /// Neighbours farther than this are not used for a normal [m].
-    pub normal_radius_m: f64,
     /// Fewer reduced points than this are an error.
     pub minimum_points: usize,
 }
 
 impl Default for PreparationConfig {
     fn default() -> Self {
-        Self {
-            min_range_m: 0.25,
-            max_range_m: 120.0,
-            voxel_m: 0.25,
-            normal_neighbours: 12,
-            normal_radius_m: 2.0,
-            minimum_points: 100,
-        }
+        Self { min_range_m: 0.25, max_range_m: 120.0, voxel_m: 0.25, minimum_points: 100 }
     }
 }
 
@@ -71,10 +60,19 @@ impl PreparationConfig {
         // Voxel coordinates are stored in 21 bits an axis.
         let least_voxel = (self.max_range_m / f64::from(1 << 19)).max(1e-3);
         ConfigError::check("preparation.voxel_m", self.voxel_m, least_voxel, 10.0)?;
-        ConfigError::check("preparation.normal_neighbours", self.normal_neighbours as f64, 5.0, 32.0)?;
-        ConfigError::check("preparation.normal_radius_m", self.normal_radius_m, 1e-3, 1e3)?;
         ConfigError::check("preparation.minimum_points", self.minimum_points as f64, 10.0, 1e6)
     }
+}
+
+/// How a step follows from the pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Optimiser {
+    /// The full step of the normal equations.
+    #[default]
+    GaussNewton,
+    /// Shorter steps after one that made things worse (Levenberg 1944, Marquardt 1963).
+    LevenbergMarquardt,
 }
 
 /// The settings of a registration method; the built-in ones share them.
@@ -87,10 +85,15 @@ pub struct RegistrationConfig {
     pub preparation: PreparationConfig,
     /// The farthest partner a point may have once the alignment has settled [m].
     pub final_pair_distance_m: f64,
-    /// How residuals lose weight as they grow (point to plane only).
+    /// How a step follows from the pairs.
+    pub optimiser: Optimiser,
+    /// How residuals lose weight as they grow. Point to point and the normal distributions transform have none.
     pub robust_kernel: RobustKernel,
     /// The residual at which they begin to, once the alignment has settled [m].
     pub robust_scale_m: f64,
+    /// The share of the pairs, those that fit best, which pull at all (trimmed ICP, Chetverikov et al. 2002); 1 trims
+    /// none.
+    pub trimmed_overlap: f64,
     /// A last step shorter than this ends the alignment [m].
     pub translation_tolerance_m: f64,
     /// A last step turning less than this ends the alignment [rad].
@@ -114,8 +117,10 @@ impl Default for RegistrationConfig {
             threads: 1,
             preparation: PreparationConfig::default(),
             final_pair_distance_m: 0.5,
+            optimiser: Optimiser::GaussNewton,
             robust_kernel: RobustKernel::Cauchy,
             robust_scale_m: 0.1,
+            trimmed_overlap: 1.0,
             translation_tolerance_m: 2e-4,
             rotation_tolerance: 2e-5,
             constrained_eigenvalue: 0.004,
@@ -137,6 +142,7 @@ impl RegistrationConfig {
         ConfigError::check("final_pair_distance_m", self.final_pair_distance_m, 1e-3, 100.0)?;
         ConfigError::check("robust_scale_m", self.robust_scale_m, 1e-4, 100.0)?;
         ConfigError::check("translation_tolerance_m", self.translation_tolerance_m, 0.0, 1.0)?;
+        ConfigError::check("trimmed_overlap", self.trimmed_overlap, 0.05, 1.0)?;
         ConfigError::check("rotation_tolerance", self.rotation_tolerance, 0.0, 1.0)?;
         ConfigError::check("constrained_eigenvalue", self.constrained_eigenvalue, 1e-6, 0.3)?;
         ConfigError::check("overlap_distance_m", self.overlap_distance_m, 1e-3, 100.0)?;

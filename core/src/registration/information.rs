@@ -1,22 +1,29 @@
-//! What the pairs say about the pose: the Hessian of the distances to the tangent planes, the directions it
-//! constrains, and the covariance.
+//! What the pairs say about the pose: the normal equations of the distances to the tangent planes, the directions they
+//! constrain, and the covariance.
 
-use nalgebra::{Matrix6, SymmetricEigen, Vector6};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SymmetricEigen, Vector6};
 
 use super::Constraint;
-use super::correspondences::Pair;
-use crate::geometry::{Covariance, Twist};
+use super::pairs::{BATCH, LANES, Pairs};
+use crate::geometry::{Covariance, Pose, Twist};
 
 /// Entries of the upper triangle of a 6x6 matrix.
 const UPPER: usize = 21;
 /// Added to the residual's variance [m^2]: no range finder is better than a millimetre.
 const LEAST_VARIANCE: f64 = 1e-6;
 
-/// The normal equations of point to plane, `H delta = -b`, with the sums that normalise them.
+/// Normal equations `H delta = -g` of a perturbation of the source about its scanner. While they are summed their axes
+/// are the target's; `turn` brings them to the source's, where the perturbation acts on the right.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct NormalEquations {
+    pub hessian: Matrix6<f64>,
+    pub gradient: Vector6<f64>,
+}
+
+/// The normal equations of point to plane with the sums that normalise them.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct PlaneSystem {
-    upper: [f64; UPPER],
-    gradient: [f64; 6],
+    pub equations: NormalEquations,
     /// Sum of the weights.
     pub weight: f64,
     /// Weighted sum of squared residuals [m^2].
@@ -36,30 +43,123 @@ pub(super) struct ErrorModel {
     pub bias_m: f64,
 }
 
-impl PlaneSystem {
-    /// Adds a pair with the residual `n . (p - m)` and its derivative `[n, p x n]` by a perturbation on the right.
-    #[inline]
-    pub fn add(&mut self, pair: &Pair, residual: f64, weight: f64) {
-        let turning = pair.source.cross(&pair.normal);
-        let j = [pair.normal.x, pair.normal.y, pair.normal.z, turning.x, turning.y, turning.z];
-        let mut k = 0;
+impl NormalEquations {
+    /// Adds sums kept side by side: the upper triangle row by row, and the gradient.
+    #[inline(always)]
+    pub fn add_lanes(&mut self, upper: &[[f32; LANES]; UPPER], gradient: &[[f32; LANES]; 6]) {
+        let mut entry = 0;
         for row in 0..6 {
-            let weighted = weight * j[row];
-            self.gradient[row] += weighted * residual;
-            for value in &j[row..] {
-                self.upper[k] += weighted * value;
-                k += 1;
+            self.gradient[row] += total(&gradient[row]);
+            for column in row..6 {
+                let value = total(&upper[entry]);
+                self.hessian[(row, column)] += value;
+                if column > row {
+                    self.hessian[(column, row)] += value;
+                }
+                entry += 1;
             }
         }
-        self.weight += weight;
-        self.residual_sq += weight * residual * residual;
-        self.range_sq += weight * pair.source.norm_squared();
     }
 
     /// Adds the sums of another block.
     pub fn merge(&mut self, other: &Self) {
-        self.upper.iter_mut().zip(&other.upper).for_each(|(a, b)| *a += b);
-        self.gradient.iter_mut().zip(&other.gradient).for_each(|(a, b)| *a += b);
+        self.hessian += other.hessian;
+        self.gradient += other.gradient;
+    }
+
+    /// From the target's axes to the source's.
+    pub fn turn(&mut self, target_from_source: &Pose) {
+        let rotation: Matrix3<f64> = target_from_source.rotation.to_rotation_matrix().into_inner();
+        let mut both = Matrix6::zeros();
+        both.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+        both.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+        self.hessian = both.transpose() * self.hessian * both;
+        self.gradient = both.transpose() * self.gradient;
+    }
+
+    /// The Gauss-Newton step within the constrained directions; the others keep the pose (Zhang, Kaess, Singh 2016).
+    /// With `damping` the diagonal grows by that share (Levenberg-Marquardt). `None` when the equations are singular.
+    pub fn step(&self, constraint: &Constraint, damping: f64) -> Option<Twist> {
+        let scale = constraint.scale();
+        let hessian = Matrix6::from_fn(|r, c| self.hessian[(r, c)] / (scale[r] * scale[c]));
+        let gradient = self.gradient.component_div(&scale);
+        // The open directions become rows of their own with the solution zero.
+        let (mut reduced, mut right) = (Matrix6::identity(), Vector6::zeros());
+        let basis: SMatrix<f64, 6, 6> = constraint.directions;
+        let turned = basis.transpose() * hessian * basis;
+        let along = basis.transpose() * gradient;
+        for r in (0..6).filter(|k| constraint.is_constrained(*k)) {
+            right[r] = -along[r];
+            for c in (0..6).filter(|k| constraint.is_constrained(*k)) {
+                reduced[(r, c)] = turned[(r, c)];
+            }
+            reduced[(r, r)] *= 1.0 + damping;
+        }
+        let solution = reduced.cholesky()?.solve(&right);
+        Some((basis * solution).component_div(&scale))
+    }
+}
+
+impl PlaneSystem {
+    /// Adds a batch of pairs with the residuals `n . (q - m)` and their derivative `[n, arm x n]`. `normals` and
+    /// `residuals` are theirs; weights past the number of pairs are zero.
+    #[inline(always)]
+    pub fn add(
+        &mut self,
+        pairs: &Pairs<'_>,
+        normals: &[[f32; BATCH]; 3],
+        residuals: &[f32; BATCH],
+        weights: &[f32; BATCH],
+    ) {
+        let mut upper = [[0.0_f32; LANES]; UPPER];
+        let mut gradient = [[0.0_f32; LANES]; 6];
+        let mut norms = [[0.0_f32; LANES]; 3];
+        for first in (0..pairs.count).step_by(LANES) {
+            let lanes = |values: &[f32; BATCH]| {
+                let mut out = [0.0_f32; LANES];
+                out.copy_from_slice(&values[first..first + LANES]);
+                out
+            };
+            let n = [lanes(&normals[0]), lanes(&normals[1]), lanes(&normals[2])];
+            let a = [lanes(&pairs.arm[0]), lanes(&pairs.arm[1]), lanes(&pairs.arm[2])];
+            let (w, r) = (lanes(weights), lanes(residuals));
+            let cross = |i: usize, j: usize| {
+                let mut out = [0.0_f32; LANES];
+                for k in 0..LANES {
+                    out[k] = a[i][k] * n[j][k] - a[j][k] * n[i][k];
+                }
+                out
+            };
+            let jacobian = [n[0], n[1], n[2], cross(1, 2), cross(2, 0), cross(0, 1)];
+            let mut entry = 0;
+            for row in 0..6 {
+                let mut weighted = [0.0_f32; LANES];
+                for k in 0..LANES {
+                    weighted[k] = w[k] * jacobian[row][k];
+                    gradient[row][k] += weighted[k] * r[k];
+                }
+                for column in row..6 {
+                    for k in 0..LANES {
+                        upper[entry][k] += weighted[k] * jacobian[column][k];
+                    }
+                    entry += 1;
+                }
+            }
+            for k in 0..LANES {
+                norms[0][k] += w[k];
+                norms[1][k] += w[k] * r[k] * r[k];
+                norms[2][k] += w[k] * (a[0][k] * a[0][k] + a[1][k] * a[1][k] + a[2][k] * a[2][k]);
+            }
+        }
+        self.equations.add_lanes(&upper, &gradient);
+        self.weight += total(&norms[0]);
+        self.residual_sq += total(&norms[1]);
+        self.range_sq += total(&norms[2]);
+    }
+
+    /// Adds the sums of another block.
+    pub fn merge(&mut self, other: &Self) {
+        self.equations.merge(&other.equations);
         self.weight += other.weight;
         self.residual_sq += other.residual_sq;
         self.range_sq += other.range_sq;
@@ -72,16 +172,7 @@ impl PlaneSystem {
             return Constraint::none(threshold);
         }
         let scale = Vector6::new(1.0, 1.0, 1.0, length_m, length_m, length_m);
-        let mut normalised = Matrix6::zeros();
-        let mut k = 0;
-        for row in 0..6 {
-            for column in row..6 {
-                let value = self.upper[k] / (self.weight * scale[row] * scale[column]);
-                normalised[(row, column)] = value;
-                normalised[(column, row)] = value;
-                k += 1;
-            }
-        }
+        let normalised = Matrix6::from_fn(|r, c| self.equations.hessian[(r, c)] / (self.weight * scale[r] * scale[c]));
         let eigen = SymmetricEigen::new(normalised);
         let mut order = [0, 1, 2, 3, 4, 5];
         order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
@@ -92,17 +183,6 @@ impl PlaneSystem {
             constraint.directions.set_column(place, &eigen.eigenvectors.column(from));
         }
         constraint
-    }
-
-    /// The Gauss-Newton step within the constrained directions; the others keep the pose (Zhang, Kaess, Singh 2016).
-    pub fn step(&self, constraint: &Constraint) -> Twist {
-        let gradient = Vector6::from(self.gradient).component_div(&constraint.scale()) / self.weight;
-        let mut step = Twist::zeros();
-        for k in (0..6).filter(|k| constraint.is_constrained(*k)) {
-            let direction = constraint.directions.column(k);
-            step -= direction * (direction.dot(&gradient) / constraint.eigenvalues[k]);
-        }
-        step.component_div(&constraint.scale())
     }
 
     /// The covariance of the pose. Unconstrained directions get at least `unknown_m` as their standard deviation.
@@ -121,4 +201,10 @@ impl PlaneSystem {
         }
         (covariance + covariance.transpose()) * 0.5
     }
+}
+
+/// The lanes added up, in double precision and in one order.
+#[inline(always)]
+fn total(lanes: &[f32; LANES]) -> f64 {
+    lanes.iter().fold(0.0, |sum, lane| sum + f64::from(*lane))
 }

@@ -15,6 +15,9 @@ struct Split {
     value: f32,
 }
 
+/// A point and its number among those given.
+type Entry = ([f32; 3], u32);
+
 /// Eight points side by side; lanes past the end are at infinity and never nearest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Block {
@@ -42,12 +45,20 @@ struct Pending {
 impl KdTree {
     /// Builds the tree over finite points; it keeps them, in its own order.
     #[must_use]
-    pub fn new(mut points: Vec<[f32; 3]>) -> Self {
+    pub fn new(points: Vec<[f32; 3]>) -> Self {
+        Self::with_order(&points).0
+    }
+
+    /// Builds the tree over finite points; also tells which of the given points each of the tree's is.
+    #[must_use]
+    pub fn with_order(points: &[[f32; 3]]) -> (Self, Vec<u32>) {
         let block_count = points.len().div_ceil(LANES);
         let mut splits = Vec::with_capacity(block_count.saturating_sub(1));
-        split_range(&mut points, &mut splits);
+        let mut entries: Vec<Entry> = points.iter().copied().zip(0..).collect();
+        split_range(&mut entries, &mut splits);
+        let (points, order): (Vec<_>, Vec<_>) = entries.into_iter().unzip();
         let blocks = points.chunks(LANES).map(block_of).collect();
-        Self { points, blocks, splits }
+        (Self { points, blocks, splits }, order)
     }
 
     /// The points in the order of the leaves: neighbours in space are mostly neighbours here.
@@ -158,14 +169,14 @@ fn squared(v: [f32; 3]) -> f32 {
 }
 
 /// Orders a range of points into a subtree and appends its splits: the node, its left subtree, its right subtree.
-fn split_range(points: &mut [[f32; 3]], splits: &mut Vec<Split>) {
+fn split_range(points: &mut [Entry], splits: &mut Vec<Split>) {
     let blocks = points.len().div_ceil(LANES);
     if blocks < 2 {
         return;
     }
     let axis = widest_axis(points);
-    let (left, middle, _) = points.select_nth_unstable_by(blocks / 2 * LANES, |a, b| a[axis].total_cmp(&b[axis]));
-    splits.push(Split { axis: axis as u32, value: middle[axis] });
+    let (left, middle, _) = points.select_nth_unstable_by(blocks / 2 * LANES, |a, b| a.0[axis].total_cmp(&b.0[axis]));
+    splits.push(Split { axis: axis as u32, value: middle.0[axis] });
     let boundary = left.len();
     let (left, right) = points.split_at_mut(boundary);
     split_range(left, splits);
@@ -173,10 +184,10 @@ fn split_range(points: &mut [[f32; 3]], splits: &mut Vec<Split>) {
 }
 
 /// The axis along which the points spread most.
-fn widest_axis(points: &[[f32; 3]]) -> usize {
+fn widest_axis(points: &[Entry]) -> usize {
     let mut low = [f32::INFINITY; 3];
     let mut high = [f32::NEG_INFINITY; 3];
-    for point in points {
+    for (point, _) in points {
         for axis in 0..3 {
             low[axis] = low[axis].min(point[axis]);
             high[axis] = high[axis].max(point[axis]);

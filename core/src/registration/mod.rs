@@ -8,22 +8,25 @@
 //! [rad]; covariances and Hessians are 6x6 in that order. Results depend neither on the number of threads nor on
 //! earlier calls.
 
+// Values side by side are walked by index, so that one loop serves several arrays and becomes one wide instruction.
+#![allow(clippy::needless_range_loop)]
+
 mod alignment;
 mod config;
-mod correspondences;
 mod information;
 mod iteration;
 mod kdtree;
+mod keyframe;
 mod limits;
-mod normals;
-mod point_to_plane;
-mod point_to_point;
-mod prepared;
+mod methods;
+mod pairs;
 mod registry;
 mod robust;
+mod symmetric3;
 mod traits;
-mod voxel;
 
+#[cfg(test)]
+mod bad_input;
 #[cfg(test)]
 mod conformance;
 #[cfg(test)]
@@ -32,12 +35,10 @@ mod real_data;
 pub(crate) mod test_scenes;
 
 pub use alignment::{Alignment, Constraint};
-pub use config::{ConfigError, PreparationConfig, RegistrationConfig};
+pub use config::{ConfigError, Optimiser, PreparationConfig, RegistrationConfig};
 pub use kdtree::{KdTree, Neighbours};
+pub use keyframe::PreparedCloud;
 pub use limits::Limits;
-pub use point_to_plane::PointToPlane;
-pub use point_to_point::PointToPoint;
-pub use prepared::PreparedCloud;
 pub use registry::{Registry, RegistryError};
 pub use robust::RobustKernel;
 pub use traits::{AlignError, PrepareError, PreparedScan, Registration};

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::test_scenes::{data, read_pose, read_xyz32};
-use super::{Alignment, Limits, RegistrationConfig, Registry};
+use super::{Alignment, Limits, Optimiser, RegistrationConfig, Registry, RobustKernel};
 use crate::geometry::{Pose, rotation_angle};
 use crate::scan::{Point, ScanView};
 
@@ -34,13 +34,13 @@ fn pair(method: &str, name: &str, source: &[Point], target: &[Point], truth: &Po
     (metres, degrees, result)
 }
 
-/// Both methods on a folder with source, target and truth: the largest errors allowed of each.
-fn folder(name: &str, allowed: [(&str, f64, f64); 2]) {
+/// Methods on a folder with source, target and truth: the largest errors allowed of each.
+fn folder(name: &str, allowed: &[(&str, f64, f64)]) {
     let Some(path) = data(name, name) else { return };
     let source = read_xyz32(&path.join("source.xyz32.bin"));
     let target = read_xyz32(&path.join("target.xyz32.bin"));
     let truth = read_pose(&path.join("target_from_source.txt"));
-    for (method, most_m, most_deg) in allowed {
+    for &(method, most_m, most_deg) in allowed {
         let (metres, degrees, result) = pair(method, name, &source, &target, &truth);
         assert!(metres < most_m && degrees < most_deg, "{method}: {metres} m, {degrees} deg");
         assert!(result.converged && result.constraint.mask() == 0b11_1111);
@@ -49,10 +49,63 @@ fn folder(name: &str, allowed: [(&str, f64, f64); 2]) {
 
 #[test]
 fn the_exact_synthetic_pair_is_recovered_from_identity() {
-    folder("synth_pair", [("point_to_plane", 0.01, 0.05), ("point_to_point", 0.03, 0.1)]);
+    folder(
+        "synth_pair",
+        &[
+            ("point_to_plane", 0.0006, 0.008),
+            ("symmetric_point_to_plane", 0.0006, 0.008),
+            ("gicp", 0.0006, 0.008),
+            ("vgicp", 0.0006, 0.008),
+            ("ndt", 0.001, 0.008),
+            ("point_to_point", 0.02, 0.06),
+        ],
+    );
 }
 
 #[test]
 fn the_handheld_pair_is_recovered_from_identity() {
-    folder("handheld_pair", [("point_to_plane", 0.03, 0.15), ("point_to_point", 0.06, 0.4)]);
+    folder(
+        "handheld_pair",
+        &[
+            ("point_to_plane", 0.010, 0.07),
+            ("symmetric_point_to_plane", 0.012, 0.07),
+            ("gicp", 0.010, 0.07),
+            ("vgicp", 0.010, 0.07),
+            ("ndt", 0.010, 0.07),
+            ("point_to_point", 0.02, 0.2),
+        ],
+    );
+}
+
+#[test]
+fn kernels_trimming_and_both_optimisers_agree_on_the_handheld_pair() {
+    let Some(path) = data("handheld_pair", "handheld_pair") else { return };
+    let source = read_xyz32(&path.join("source.xyz32.bin"));
+    let target = read_xyz32(&path.join("target.xyz32.bin"));
+    let truth = read_pose(&path.join("target_from_source.txt"));
+    let variants = [
+        RegistrationConfig { robust_kernel: RobustKernel::Huber, ..RegistrationConfig::default() },
+        RegistrationConfig { robust_kernel: RobustKernel::Tukey, ..RegistrationConfig::default() },
+        RegistrationConfig { robust_kernel: RobustKernel::GemanMcclure, ..RegistrationConfig::default() },
+        RegistrationConfig { trimmed_overlap: 0.8, ..RegistrationConfig::default() },
+        RegistrationConfig { optimiser: Optimiser::LevenbergMarquardt, ..RegistrationConfig::default() },
+    ];
+    for config in variants {
+        for method in ["point_to_plane", "gicp"] {
+            let mut registration = Registry::default().create(method, &config).unwrap();
+            let target = registration.prepare(ScanView::unordered(&target)).unwrap();
+            let source = registration.prepare(ScanView::unordered(&source)).unwrap();
+            let result = registration.align(&*target, &*source, &Pose::identity(), &Limits::default()).unwrap();
+            let error = truth.inverse() * result.target_from_source;
+            let (metres, degrees) = (error.translation.vector.norm(), rotation_angle(&error).to_degrees());
+            println!(
+                "{method} {:?} {:?}: {metres:.4} m, {degrees:.4} deg, {} steps",
+                config.robust_kernel, config.optimiser, result.iterations
+            );
+            assert!(
+                result.converged && metres < 0.015 && degrees < 0.1,
+                "{method}, {config:?}: {metres} m, {degrees} deg"
+            );
+        }
+    }
 }

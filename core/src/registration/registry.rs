@@ -5,7 +5,9 @@ use std::fmt;
 
 use thiserror::Error;
 
-use super::{ConfigError, PointToPlane, PointToPoint, Registration, RegistrationConfig};
+use super::iteration::Minimiser;
+use super::methods::{Generalised, Method, NormalDistributions, PointToPlane, PointToPoint, Symmetric, Voxelised};
+use super::{ConfigError, Registration, RegistrationConfig};
 
 /// Makes a method from its settings.
 type Constructor = Box<dyn Fn(&RegistrationConfig) -> Box<dyn Registration> + Send + Sync>;
@@ -13,12 +15,11 @@ type Constructor = Box<dyn Fn(&RegistrationConfig) -> Box<dyn Registration> + Se
 /// The registration methods that a configuration can name.
 ///
 /// ```
-/// use mirador_core::registration::{PointToPlane, Registry, RegistrationConfig};
+/// use mirador_core::registration::{Registry, RegistrationConfig};
 ///
-/// let mut registry = Registry::default();
-/// registry.register("mine", |config| Box::new(PointToPlane::new(config.clone())));
-/// let method = registry.create("mine", &RegistrationConfig::default()).unwrap();
-/// assert_eq!(method.name(), "point_to_plane");
+/// let registry = Registry::default();
+/// let method = registry.create("gicp", &RegistrationConfig::default()).unwrap();
+/// assert_eq!(method.name(), "gicp");
 /// ```
 pub struct Registry {
     constructors: BTreeMap<String, Constructor>,
@@ -81,9 +82,24 @@ impl Default for Registry {
     /// The built-in methods.
     fn default() -> Self {
         let mut registry = Self::empty();
-        registry.register(PointToPoint::NAME, |config| Box::new(PointToPoint::new(config.clone())));
-        registry.register(PointToPlane::NAME, |config| Box::new(PointToPlane::new(config.clone())));
+        registry.add::<PointToPoint>();
+        registry.add::<PointToPlane>();
+        registry.add::<Symmetric>();
+        registry.add::<Generalised>();
+        registry.add::<Voxelised>();
+        registry.add::<NormalDistributions>();
         registry
+    }
+}
+
+impl Registry {
+    /// Adds a built-in method under its own name.
+    fn add<M: Minimiser + 'static>(&mut self)
+    where
+        M::Sum: Send,
+        <M::Approach as Minimiser>::Sum: Send,
+    {
+        self.register(M::NAME, |config| Box::new(Method::<M>::new(config.clone())));
     }
 }
 

@@ -48,6 +48,10 @@ pub trait PreparedScan: Any + Send + Sync {
     /// The memory it holds [bytes].
     fn bytes(&self) -> usize;
 
+    /// Does now what the first alignment to this scan as the target would do first, so that it need not wait for it.
+    /// Results never depend on it.
+    fn prepare_as_target(&self) {}
+
     /// For the method that prepared it, to find its own type again.
     fn as_any(&self) -> &dyn Any;
 }
