@@ -93,7 +93,7 @@ impl Problem<'_> {
     }
 
     /// Builds the normal equations and returns the weighted sum of squares.
-    fn linearise(&self, workspace: &mut Workspace) -> f64 {
+    pub(super) fn linearise(&self, workspace: &mut Workspace) -> f64 {
         let Workspace { solver, edge_indices, .. } = workspace;
         solver.clear();
         let mut cost = 0.0;

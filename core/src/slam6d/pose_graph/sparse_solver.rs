@@ -72,7 +72,7 @@ impl SparseSolver {
     }
 
     /// Factorises H + damping diag(H).
-    fn factorise(&mut self, damping: f64) -> bool {
+    pub(super) fn factorise(&mut self, damping: f64) -> bool {
         let structure = &self.structure;
         self.damped.copy_from_slice(&self.values);
         if damping > 0.0 {

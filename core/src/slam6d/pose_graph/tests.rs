@@ -61,3 +61,32 @@ fn false_closures_are_switched_off_and_true_ones_kept() {
         }
     }
 }
+
+#[test]
+#[ignore]
+fn profile() {
+    use std::hint::black_box;
+    let survey = Survey::new(&SurveyConfig::default()).unwrap();
+    let mut graph = graph(&survey);
+    graph.optimise().unwrap();
+    let begin = Instant::now();
+    let solved = graph.analyse().map_err(|_| ()).unwrap();
+    println!("analyse {:?}", begin.elapsed());
+    let mut workspace = solved.workspace;
+    println!("unknowns {} nnz {} factor {} supernodes {}", workspace.solver.structure.unknowns(), workspace.solver.values.len(), workspace.solver.structure.symbolic.len_val(), workspace.solver.structure.symbolic.n_supernodes());
+    let problem = Problem { edges: &graph.edges, poses: &mut graph.poses, weights: &mut graph.weights };
+    for _ in 0..3 {
+        let begin = Instant::now();
+        black_box(problem.linearise(&mut workspace));
+        println!("linearise {:?}", begin.elapsed());
+        let begin = Instant::now();
+        workspace.solver.factorise(0.0);
+        println!("factorise {:?}", begin.elapsed());
+        let begin = Instant::now();
+        workspace.solver.solve(0.0);
+        println!("solve with factorise {:?}", begin.elapsed());
+        let begin = Instant::now();
+        black_box(problem.cost(&workspace));
+        println!("cost {:?}", begin.elapsed());
+    }
+}
