@@ -7,10 +7,13 @@ mod acceptance;
 mod errors;
 pub mod pose_graph;
 mod record;
+pub mod relaxation;
 mod sequential;
 mod state;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod handheld_experiments;
 
 pub use acceptance::{AcceptanceConfig, Rejection};
 pub use errors::{TrajectoryError, trajectory_error};

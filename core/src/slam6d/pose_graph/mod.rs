@@ -30,6 +30,14 @@ pub use covariance::CovarianceError;
 pub use edge::{Edge, EdgeError, EdgeKind};
 pub use incremental::Update;
 
+/// The sparse solver, for other problems whose unknowns are poses.
+pub(super) mod solver {
+    pub(in crate::slam6d) use super::components::Components;
+    pub(in crate::slam6d) use super::linearisation::Terms;
+    pub(in crate::slam6d) use super::sparse_solver::SparseSolver;
+    pub(in crate::slam6d) use super::structure::{OutOfMemory, SIZE, Structure};
+}
+
 use components::Components;
 use levenberg::{Problem, Workspace};
 use structure::{OutOfMemory, Structure};

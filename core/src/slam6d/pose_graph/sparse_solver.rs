@@ -11,7 +11,7 @@ use super::linearisation::Terms;
 use super::structure::{OutOfMemory, SIZE, Structure, allocate};
 
 /// The numbers that belong to a [`Structure`]; they are reused from iteration to iteration and from call to call.
-pub(super) struct SparseSolver {
+pub(in crate::slam6d) struct SparseSolver {
     pub structure: Structure,
     /// The lower triangle of H.
     pub values: Vec<f64>,

@@ -1,0 +1,1 @@
+//! Relaxation of simulated and real scans.
