@@ -59,7 +59,7 @@ impl Problem<'_> {
 
     /// Iterates until the steps are below the tolerances.
     pub fn minimise(&mut self, workspace: &mut Workspace, config: &PoseGraphConfig, walk: &mut Walk) {
-        walk.converged = workspace.trial.is_empty();
+        walk.converged |= workspace.trial.is_empty();
         while !walk.converged && walk.iterations < config.max_iterations {
             self.step(workspace, config, walk);
         }

@@ -134,15 +134,7 @@ impl Walk {
         is_free.iter_mut().enumerate().for_each(|(scan, is_free)| *is_free = components.first_of(scan) != scan);
         let solver = SparseSolver::new(Structure::new(pairs.iter().map(|p| (p.target, p.source)), &is_free)?)?;
         let residual_m = residual_of(&pairs);
-        Ok(Self {
-            pairs,
-            solver,
-            gate_m,
-            rounds: 0,
-            converged: false,
-            first_residual_m: residual_m,
-            residual_m,
-        })
+        Ok(Self { pairs, solver, gate_m, rounds: 0, converged: false, first_residual_m: residual_m, residual_m })
     }
 
     /// Finds the pairs of points anew, but for the first round, for which it is done, and moves the scans.
@@ -188,13 +180,7 @@ fn near_pairs(poses: &[Pose], max_distance_m: f64) -> Vec<ScanPair> {
 }
 
 /// Finds the point pairs of all pairs of scans.
-fn find_all(
-    pairs: &mut [ScanPair],
-    scans: &[&PreparedCloud],
-    poses: &[Pose],
-    gate_m: f64,
-    config: &RelaxationConfig,
-) {
+fn find_all(pairs: &mut [ScanPair], scans: &[&PreparedCloud], poses: &[Pose], gate_m: f64, config: &RelaxationConfig) {
     let scale_m = config.robust_scale_m * gate_m / config.final_pair_distance_m;
     let round = Round { gate_m, scale_m };
     threads::for_each(pairs.iter_mut(), config.threads, |pair| {
@@ -205,8 +191,8 @@ fn find_all(
 
 /// The root mean square of the cut-off distances over all pairs [m].
 fn residual_of(pairs: &[ScanPair]) -> f64 {
-    let (cost, points) = pairs.iter().fold((0.0, 0.0), |(cost, points), pair| {
-        (cost + pair.sum.cost, points + f64::from(pair.sum.points))
-    });
+    let (cost, points) = pairs
+        .iter()
+        .fold((0.0, 0.0), |(cost, points), pair| (cost + pair.sum.cost, points + f64::from(pair.sum.points)));
     (cost / f64::max(points, 1.0)).sqrt()
 }
