@@ -131,10 +131,11 @@ impl SparseSolver {
             let (diagonal, below) = matrix.split_at_row(size);
             let mut right = MatMut::from_column_major_slice_mut(&mut x, unknowns, SIZE);
             solve_lower_triangular_in_place(diagonal, right.as_mut().subrows_mut(start, size), Par::Seq);
-            for j in 0..SIZE {
-                for (k, value) in x[j * unknowns..][rows.clone()].to_vec().into_iter().enumerate() {
+            for column in x.chunks_exact_mut(unknowns) {
+                let (above, rest) = column.split_at_mut(rows.end);
+                for (k, value) in above[start..].iter().enumerate() {
                     for (row, entry) in supernode.pattern().iter().zip(below.col(k).iter()) {
-                        x[j * unknowns + row] -= entry * value;
+                        rest[row - rows.end] -= entry * value;
                     }
                 }
             }

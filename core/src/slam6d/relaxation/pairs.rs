@@ -99,8 +99,8 @@ impl PairSum {
         for column in 0..6 {
             let weighted = weight * j[column];
             self.gradient[column] += weighted * residual;
-            for row in 0..=column {
-                self.hessian[(row, column)] += weighted * j[row];
+            for (row, value) in j.iter().enumerate().take(column + 1) {
+                self.hessian[(row, column)] += weighted * value;
             }
         }
         self.cost += (residual * residual).min(config.robust_scale_m * config.robust_scale_m);
