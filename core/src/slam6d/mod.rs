@@ -1,17 +1,23 @@
 //! Simultaneous localisation and mapping in six degrees of freedom: every scan's place in one map.
 //!
-//! This is the sequential part (section 3, steps 1 and 3): each scan is aligned to the last one that was accepted,
-//! judged, and either accepted or flagged. It takes in any [`crate::registration::Registration`].
+//! The sequential part (section 3, steps 1 and 3) aligns each scan to the last one that was accepted, judges the result,
+//! and accepts or flags it; it takes in any [`crate::registration::Registration`]. What closed loops correct is spread
+//! by the [`pose_graph`], the default, or in proportion to distance ([`distribute`], step 4); [`relaxation`] fits all
+//! scans to each other at once (step 5).
 
 mod acceptance;
+mod distribution;
 mod errors;
+pub mod pose_graph;
 mod record;
+pub mod relaxation;
 mod sequential;
 mod state;
 #[cfg(test)]
 mod tests;
 
 pub use acceptance::{AcceptanceConfig, Rejection};
+pub use distribution::{distribute, shares};
 pub use errors::{TrajectoryError, trajectory_error};
 pub use record::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
 pub use sequential::{RestoreError, SequentialAligner, SequentialConfig};
