@@ -15,6 +15,7 @@ mod threads;
 pub mod surface;
 
 pub mod registration;
+
 pub mod odometry;
 pub mod slam6d;
 

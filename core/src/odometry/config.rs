@@ -14,9 +14,9 @@ pub struct OdometryConfig {
     pub min_range_m: f64,
     /// Returns farther than this are dropped, and so is what the map holds at more than this from the scanner [m].
     pub max_range_m: f64,
-    /// Edge of the map's fine voxels; the coarse ones are four times as wide [m].
+    /// Edge of the map's fine voxels; the coarse ones are twice as wide [m].
     pub voxel_m: f64,
-    /// Most fine voxels in the map, and four times as many as coarse ones: with 165 bytes each it bounds the memory.
+    /// Most fine voxels in the map, and half as many coarse ones: at about 180 bytes a fine voxel it bounds the memory.
     pub max_voxels: usize,
     /// Carry every point to the end of the scan by its time and the motion. Scans without times are not changed.
     pub deskew: bool,

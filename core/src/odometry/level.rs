@@ -162,6 +162,10 @@ impl Level {
     /// are fitted when this is called.
     pub fn sweep(&mut self, centre: [i32; 3], radius: f32, share: f32) {
         let visits = (self.len() as f32 * share).ceil() as usize;
+        if visits >= self.len() {
+            // From the middle, voxels that fill gaps would be looked at twice and others not at all.
+            self.sweep = 0;
+        }
         for _ in 0..visits.min(self.len()) {
             if self.sweep >= self.len() {
                 self.sweep = 0;

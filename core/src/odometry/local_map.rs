@@ -8,7 +8,7 @@ use crate::geometry::Pose;
 use crate::threads;
 
 /// A voxel of the coarse level is so many of the fine one wide.
-pub(super) const COARSE_FACTOR: i32 = 4;
+pub(super) const COARSE_FACTOR: i32 = 2;
 /// The share of the voxels a sweep looks at: after eight frames every far voxel is gone.
 const SWEEP_SHARE: f32 = 0.125;
 
@@ -50,7 +50,7 @@ impl LocalMap {
     pub fn new(voxel_m: f64, radius_m: f64, most_voxels: usize) -> Self {
         Self {
             fine: Level::new(voxel_m as f32, most_voxels),
-            coarse: Level::new(voxel_m as f32 * COARSE_FACTOR as f32, (most_voxels / 4).max(64)),
+            coarse: Level::new(voxel_m as f32 * COARSE_FACTOR as f32, most_voxels / 2),
             origin: [0; 3],
             radius_m: radius_m as f32,
             shrunk_m: radius_m as f32,

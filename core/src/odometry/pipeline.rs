@@ -17,6 +17,8 @@ use crate::scan::ScanView;
 const CELLS_A_VOXEL: f64 = 4.0;
 /// Edge of the cells of which one point each is aligned, in voxels.
 const SPACING_VOXELS: f64 = 0.75;
+/// Points that take part in alignments in coarse voxels.
+const COARSE_POINTS: usize = 1500;
 /// A score this much below the usual one is no proof of a pose.
 const USUAL_SHARE: f64 = 0.85;
 /// The same while the motion model is off by more than a voxel, so that wrong poses are at hand.
@@ -53,6 +55,8 @@ pub struct Odometry {
     centroids: Vec<Centroid>,
     selected: Vec<u32>,
     frame: Frame,
+    /// A part of the frame, for alignments in coarse voxels.
+    thinned: Frame,
     search: Search,
     deskewed: Vec<[f32; 3]>,
     /// The first frame's centroids while its motion is unknown: it is deskewed when the second has told it.
@@ -78,6 +82,7 @@ impl Odometry {
             centroids: Vec::new(),
             selected: Vec::new(),
             frame: Frame::default(),
+            thinned: Frame::default(),
             search: Search::default(),
             deskewed: Vec::new(),
             first: Vec::new(),
@@ -106,6 +111,7 @@ impl Odometry {
         self.map.bytes()
             + self.reducer.bytes()
             + self.frame.bytes()
+            + self.thinned.bytes()
             + self.search.bytes()
             + (self.centroids.capacity() + self.first.capacity()) * size_of::<Centroid>()
             + self.selected.capacity() * size_of::<u32>()
@@ -128,14 +134,10 @@ impl Odometry {
     /// `time` tells when the frame was taken; without it frames are taken as evenly spaced, each lasting until the
     /// next. `guess` is `map_from_scanner` at the end of the scan from another source; without it the last motion is
     /// thought to go on.
-    pub fn register_frame(
-        &mut self,
-        scan: ScanView<'_>,
-        time: Option<FrameTime>,
-        guess: Option<Pose>,
-    ) -> FrameRecord {
+    pub fn register_frame(&mut self, scan: ScanView<'_>, time: Option<FrameTime>, guess: Option<Pose>) -> FrameRecord {
         let prediction = self.track.predict(time, guess);
         if !prediction.is_usable() {
+            self.track.skip();
             return self.unaligned(FrameStatus::InvalidGuess, &prediction);
         }
         self.reduce(scan);
@@ -191,7 +193,7 @@ impl Odometry {
         self.deskew_selected(&prediction.scan_motion);
         let wanted = self.wanted_score();
         let mut best = (prediction.start, self.align(&prediction.pose));
-        if best.1.score < wanted || self.threshold.sigma_m() > self.config.voxel_m {
+        if best.1.score < wanted {
             let still = (Start::ZeroMotion, self.align(&prediction.last));
             best = better(best, still);
         }
@@ -213,7 +215,7 @@ impl Odometry {
         let mut coarse_iterations = 0;
         if self.threshold.sigma_m() > 0.5 * self.config.voxel_m {
             let schedule = self.schedule(Resolution::Coarse);
-            let coarse = self.frame.align(&self.map, &pose, &schedule, &self.config);
+            let coarse = self.thinned.align(&self.map, &pose, &schedule, &self.config);
             pose = coarse.map_from_scanner;
             coarse_iterations = coarse.iterations;
         }
@@ -257,13 +259,16 @@ impl Odometry {
             return (start, outcome);
         }
         let range = outcome.constraint.length_m;
-        for _ in 1..MOST_DESKEWS {
+        // The second frame sets the first right as well, which changes the map, which takes more rounds.
+        let rounds = if self.first.is_empty() { MOST_DESKEWS } else { 3 * MOST_DESKEWS };
+        for _ in 1..rounds {
             let found = prediction.scan_motion_to(&outcome.map_from_scanner);
             if outcome.score < self.config.minimum_score
                 || deskew::difference_m(&used, &found, range) < DESKEW_TOLERANCE_M
             {
                 break;
             }
+            self.deskew_first(&found);
             self.deskew_selected(&found);
             used = found;
             let schedule = self.schedule(Resolution::Fine);
@@ -286,7 +291,7 @@ impl Odometry {
         let learning = if self.track.is_beginning() { 1.0 } else { LEARNING };
         self.usual_score += learning * (record.score - self.usual_score);
         let motion = prediction.scan_motion_to(&found);
-        self.deskew_first(&motion);
+        self.first.clear();
         self.deskew_all(&motion);
         self.map.insert(&self.deskewed, &found, self.config.threads);
         self.track.advance(prediction, &found);
@@ -371,6 +376,7 @@ impl Odometry {
         self.deskewed.clear();
         self.deskewed.extend(points.map(|c| carried(table.as_ref(), c)));
         self.frame.set_points(self.deskewed.iter().copied());
+        self.thinned.set_thinned(&self.frame, COARSE_POINTS);
     }
 
     /// All centroids, at the end of the scan.
@@ -380,18 +386,17 @@ impl Odometry {
         self.deskewed.extend(self.centroids.iter().map(|c| carried(table.as_ref(), c)));
     }
 
-    /// Puts the first frame into the map anew, now that the second has told how the scanner was moving.
+    /// Puts the first frame into the map anew while it is alone there, now that the second has told how the scanner was
+    /// moving.
     fn deskew_first(&mut self, motion: &Twist) {
-        let first = std::mem::take(&mut self.first);
-        if first.is_empty() {
+        if self.first.is_empty() {
             return;
         }
-        if let Some(table) = self.table(motion) {
-            self.map.clear();
-            self.deskewed.clear();
-            self.deskewed.extend(first.iter().map(|c| carried(Some(&table), c)));
-            self.map.insert(&self.deskewed, &self.track.pose(), self.config.threads);
-        }
+        let table = MotionTable::new(motion);
+        self.map.clear();
+        self.deskewed.clear();
+        self.deskewed.extend(self.first.iter().map(|c| carried(Some(&table), c)));
+        self.map.insert(&self.deskewed, &self.track.pose(), self.config.threads);
     }
 }
 

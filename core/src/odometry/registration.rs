@@ -102,8 +102,7 @@ impl Frame {
     }
 
     pub fn bytes(&self) -> usize {
-        self.blocks.capacity() * size_of::<PairBlock>()
-            + self.voxels.capacity() * size_of::<[[i32; LANES]; 3]>()
+        self.blocks.capacity() * size_of::<PairBlock>() + self.voxels.capacity() * size_of::<[[i32; LANES]; 3]>()
     }
 
     /// The share of the points that fit the map at a pose, as in [`Outcome`].
@@ -191,13 +190,7 @@ fn pass_over(run: &mut Run<'_>, map: &LocalMap, pose: &LocalPose, resolution: Re
 /// As [`pass_over_portable`], compiled for AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-fn pass_over_avx2(
-    run: &mut Run<'_>,
-    map: &LocalMap,
-    pose: &LocalPose,
-    resolution: Resolution,
-    scale: f32,
-) -> System {
+fn pass_over_avx2(run: &mut Run<'_>, map: &LocalMap, pose: &LocalPose, resolution: Resolution, scale: f32) -> System {
     pass_over_portable(run, map, pose, resolution, scale)
 }
 
@@ -255,12 +248,10 @@ fn pair(
 ) {
     for l in (0..filled).filter(|l| moved >> l & 1 == 1) {
         let voxel = [voxels[0][l], voxels[1][l], voxels[2][l]];
+        let place = pose.transform([block.point[0][l], block.point[1][l], block.point[2][l]]);
         let found = match resolution {
-            Resolution::Fine => {
-                let place = pose.transform([block.point[0][l], block.point[1][l], block.point[2][l]]);
-                fine_plane(map, voxel, place)
-            }
-            Resolution::Coarse => coarse_plane(map, voxel),
+            Resolution::Fine => fine_plane(map, voxel, place),
+            Resolution::Coarse => coarse_plane(map, voxel).or_else(|| coarse_plane_nearby(map, voxel, place)),
         };
         let (normal, distance, weight) = found.unwrap_or_default();
         for axis in 0..3 {
@@ -286,6 +277,25 @@ fn fine_plane(map: &LocalMap, voxel: [i32; 3], place: [f32; 3]) -> Option<Plane>
 fn coarse_plane(map: &LocalMap, voxel: [i32; 3]) -> Option<Plane> {
     let surfel = map.coarse_surfel(voxel).filter(|surfel| surfel.weight > 0.0)?;
     Some(plane(surfel, map.coarse.corner(voxel)))
+}
+
+/// Of the planes in the six coarse voxels beside a voxel the one whose middle is nearest to a place.
+fn coarse_plane_nearby(map: &LocalMap, voxel: [i32; 3], place: [f32; 3]) -> Option<Plane> {
+    let mut nearest = f32::INFINITY;
+    let mut found = None;
+    for k in 0..6 {
+        let mut neighbour = voxel;
+        neighbour[k / 2] += if k % 2 == 0 { -1 } else { 1 };
+        let Some(surfel) = map.coarse_surfel(neighbour).filter(|surfel| surfel.weight > 0.0) else { continue };
+        let corner = map.coarse.corner(neighbour);
+        let apart = |k: usize| (place[k] - corner[k] - surfel.mean[k]).powi(2);
+        let distance_sq = apart(0) + apart(1) + apart(2);
+        if distance_sq < nearest {
+            nearest = distance_sq;
+            found = Some(plane(surfel, corner));
+        }
+    }
+    found
 }
 
 fn plane(surfel: &super::surfel::Surfel, corner: [f32; 3]) -> Plane {

@@ -11,21 +11,12 @@ use crate::threads;
 /// Headings tried: 15 degrees apart, within the reach of an alignment in coarse voxels.
 const HEADINGS: usize = 24;
 /// Starts a heading, in search radii ahead and to the left.
-const SHIFTS: [(f64, f64); 9] = [
-    (0.0, 0.0),
-    (0.5, 0.0),
-    (-0.5, 0.0),
-    (0.0, 0.5),
-    (0.0, -0.5),
-    (0.5, 0.5),
-    (0.5, -0.5),
-    (-0.5, 0.5),
-    (-0.5, -0.5),
-];
+const SHIFTS: [(f64, f64); 9] =
+    [(0.0, 0.0), (0.5, 0.0), (-0.5, 0.0), (0.0, 0.5), (0.0, -0.5), (0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5)];
 /// Points of the frame that take part.
-const POINTS: usize = 600;
+const POINTS: usize = 400;
 /// Steps before the starts are compared.
-const FIRST_STEPS: u32 = 6;
+const FIRST_STEPS: u32 = 5;
 /// Steps after that.
 const FURTHER_STEPS: u32 = 15;
 /// Starts followed after that.

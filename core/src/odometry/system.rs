@@ -89,9 +89,8 @@ impl Lanes {
         let cx = lanes(|l| r[0][0] * px[l] + r[0][1] * py[l] + r[0][2] * pz[l]);
         let cy = lanes(|l| r[1][0] * px[l] + r[1][1] * py[l] + r[1][2] * pz[l]);
         let cz = lanes(|l| r[2][0] * px[l] + r[2][1] * py[l] + r[2][2] * pz[l]);
-        let residual = lanes(|l| {
-            nx[l] * (cx[l] + t[0]) + ny[l] * (cy[l] + t[1]) + nz[l] * (cz[l] + t[2]) - block.distance[l]
-        });
+        let residual =
+            lanes(|l| nx[l] * (cx[l] + t[0]) + ny[l] * (cy[l] + t[1]) + nz[l] * (cz[l] + t[2]) - block.distance[l]);
         // Geman and McClure: rho = r^2 / (k^2 + r^2), weight (k^2 / (k^2 + r^2))^2.
         let fit = lanes(|l| 1.0 / (1.0 + residual[l] * residual[l] * per_scale_sq));
         let weight = lanes(|l| block.weight[l] * fit[l] * fit[l]);

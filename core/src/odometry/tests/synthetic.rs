@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 use proptest::prelude::*;
 
 use crate::geometry::{Pose, rotation_angle};
-use crate::odometry::{FrameRecord, FrameStatus, FrameTime, KeyframeConfig, KeyframeSelector, Odometry, OdometryConfig};
+use crate::odometry::{
+    FrameRecord, FrameStatus, FrameTime, KeyframeConfig, KeyframeSelector, Odometry, OdometryConfig,
+};
 use crate::registration::test_scenes::{CORRIDOR, FLOOR, Rectangle, YARD, scan_of};
 use crate::scan::ScanView;
 
@@ -156,7 +158,9 @@ fn the_memory_stays_the_same_over_a_long_way() {
         bytes.push(odometry.bytes());
         assert!(odometry.map_points().count() <= 2000);
     }
-    assert!(bytes[10..].iter().all(|b| *b <= bytes[10] + bytes[10] / 20), "{bytes:?}");
+    // The map is there from the start; buffers have the size of the largest frame, and come with the first search.
+    assert!(bytes.iter().all(|b| *b <= 3_000_000), "{bytes:?}");
+    assert!(bytes[30..].iter().all(|b| *b == bytes[30]), "{bytes:?}");
 }
 
 proptest! {
@@ -164,12 +168,12 @@ proptest! {
     #[test]
     fn a_turn_on_the_spot_of_any_angle_is_found(yaw in -3.1..3.1f64, x in -1.5..1.5f64, y in -1.5..1.5f64) {
         let mut odometry = Odometry::new(indoor()).unwrap();
-        frame(&mut odometry, &YARD, &Pose::identity(), 1);
+        (1..4).for_each(|seed| drop(frame(&mut odometry, &YARD, &Pose::identity(), seed)));
         let truth = pose(x, y, yaw);
-        let record = frame(&mut odometry, &YARD, &truth, 2);
+        let record = frame(&mut odometry, &YARD, &truth, 4);
         let error = truth.inverse() * record.map_from_scanner;
         let right = error.translation.vector.norm() < 0.05 && rotation_angle(&error) < 0.02;
         prop_assert!(right || record.status == FrameStatus::Lost, "{error} {record:?}");
-        prop_assert!(right, "lost");
+        prop_assert!(right, "lost: {record:?}");
     }
 }
