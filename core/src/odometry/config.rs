@@ -34,7 +34,8 @@ pub struct OdometryConfig {
     pub rotation_tolerance: f64,
     /// The least eigenvalue of a direction that counts as constrained, see [`crate::registration::Constraint`].
     pub constrained_eigenvalue: f64,
-    /// How many points of a frame share one error: the covariance is that many times the one of independent points.
+    /// How many points of a frame share one error (that of the plane of their voxel, of their beam): the covariance is
+    /// that many times the one of independent points. Set so that errors in simulated yards are as large as it says.
     pub points_per_independent_error: f64,
     /// A frame with fewer reduced points than this is not aligned.
     pub minimum_points: usize,
@@ -61,7 +62,7 @@ impl Default for OdometryConfig {
             translation_tolerance_m: 5e-4,
             rotation_tolerance: 5e-5,
             constrained_eigenvalue: 0.004,
-            points_per_independent_error: 24.0,
+            points_per_independent_error: 72.0,
             minimum_points: 100,
             minimum_score: 0.3,
             search_radius_m: 4.0,

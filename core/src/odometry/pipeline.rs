@@ -41,8 +41,8 @@ const MOST_DESKEWS: u32 = 3;
 
 /// Scan-to-local-map odometry for spinning and hand-held scanners.
 ///
-/// One call a frame. Results depend on the frames alone, not on the number of threads. With one thread and warm
-/// buffers a frame allocates nothing.
+/// One call a frame. Results depend on the frames alone, not on the number of threads. Once its buffers are warm a
+/// frame that needs no search allocates nothing, apart from what starting a second thread takes.
 #[derive(Debug)]
 pub struct Odometry {
     config: OdometryConfig,
@@ -123,7 +123,8 @@ impl Odometry {
         self.map.points()
     }
 
-    /// The reduced points of the last tracked frame, deskewed [m, scanner frame at the end of the scan].
+    /// The reduced points of the last frame, deskewed [m, scanner frame at the end of the scan]; of one that was not
+    /// tracked, whatever it was compared with the map by.
     #[must_use]
     pub fn frame_points(&self) -> &[[f32; 3]] {
         &self.deskewed
@@ -172,9 +173,9 @@ impl Odometry {
     /// The map begins with this frame.
     fn begin(&mut self, prediction: &Prediction) -> FrameRecord {
         self.map.recentre(&prediction.pose);
+        self.deskew_selected(&Twist::zeros());
         self.deskew_all(&Twist::zeros());
         self.map.insert(&self.deskewed, &prediction.pose, self.config.threads);
-        self.deskew_selected(&Twist::zeros());
         let scale = self.config.robust_scale_m as f32;
         self.usual_score = FIRST_SHARE * self.frame.score(&self.map, &prediction.pose, scale);
         self.first.clone_from(&self.centroids);
@@ -251,6 +252,11 @@ impl Odometry {
         (share * self.usual_score).max(self.config.minimum_score)
     }
 
+    /// Whether a pose with this score is none.
+    fn is_lost(&self, score: f64) -> bool {
+        score < self.config.minimum_score.max(LOST_SHARE * self.usual_score)
+    }
+
     /// Deskews by the motion that was found, and aligns again, until both agree.
     fn refine_motion(&mut self, candidate: Candidate, prediction: &Prediction) -> Candidate {
         let (start, mut outcome) = candidate;
@@ -263,9 +269,7 @@ impl Odometry {
         let rounds = if self.first.is_empty() { MOST_DESKEWS } else { 3 * MOST_DESKEWS };
         for _ in 1..rounds {
             let found = prediction.scan_motion_to(&outcome.map_from_scanner);
-            if outcome.score < self.config.minimum_score
-                || deskew::difference_m(&used, &found, range) < DESKEW_TOLERANCE_M
-            {
+            if self.is_lost(outcome.score) || deskew::difference_m(&used, &found, range) < DESKEW_TOLERANCE_M {
                 break;
             }
             self.deskew_first(&found);
@@ -301,7 +305,7 @@ impl Odometry {
     fn record(&self, start: Start, outcome: &Outcome, searched: u32, prediction: &Prediction) -> FrameRecord {
         let constraint = system::in_scanner_axes(&outcome.constraint, &outcome.map_from_scanner);
         let sums = &outcome.system;
-        let lost = outcome.score < self.config.minimum_score.max(LOST_SHARE * self.usual_score);
+        let lost = self.is_lost(outcome.score);
         let status = if lost {
             FrameStatus::Lost
         } else if constraint.constrained_directions() < 6 {

@@ -74,9 +74,9 @@ impl Reducer {
             }
             // `cell` gave a valid index.
             let cell = &mut self.cells[last];
-            for axis in 0..3 {
-                cell.sum[axis] += at[axis] - cell.first[axis];
-            }
+            cell.sum[0] += at[0] - cell.first[0];
+            cell.sum[1] += at[1] - cell.first[1];
+            cell.sum[2] += at[2] - cell.first[2];
             cell.time += i32::from(point.time) - i32::from(cell.first_time);
             cell.returns += 1;
         }

@@ -78,8 +78,8 @@ impl Frame {
         self.blocks.resize(self.points.div_ceil(LANES), PairBlock::default());
         for (index, point) in points.enumerate() {
             if let Some(block) = self.blocks.get_mut(index / LANES) {
-                for axis in 0..3 {
-                    block.point[axis][index % LANES] = point[axis];
+                for (values, value) in block.point.iter_mut().zip(point) {
+                    values[index % LANES] = value;
                 }
             }
         }
@@ -219,13 +219,12 @@ fn pass_over_portable(
 fn moved_lanes(block: &PairBlock, voxels: &mut [[i32; LANES]; 3], pose: &LocalPose, per_metre: f32) -> u32 {
     let [x, y, z] = &block.point;
     let mut differ = [0_i32; LANES];
-    for axis in 0..3 {
-        let (r, t) = (&pose.rotation[axis], pose.translation[axis]);
+    for ((r, t), voxels) in pose.rotation.iter().zip(pose.translation).zip(voxels) {
         for l in 0..LANES {
             let place = r[0] * x[l] + r[1] * y[l] + r[2] * z[l] + t;
             let voxel = floor(place * per_metre);
-            differ[l] |= voxel ^ voxels[axis][l];
-            voxels[axis][l] = voxel;
+            differ[l] |= voxel ^ voxels[l];
+            voxels[l] = voxel;
         }
     }
     let mut moved = 0;
@@ -254,8 +253,8 @@ fn pair(
             Resolution::Coarse => coarse_plane(map, voxel).or_else(|| coarse_plane_nearby(map, voxel, place)),
         };
         let (normal, distance, weight) = found.unwrap_or_default();
-        for axis in 0..3 {
-            block.normal[axis][l] = normal[axis];
+        for (values, value) in block.normal.iter_mut().zip(normal) {
+            values[l] = value;
         }
         block.distance[l] = distance;
         block.weight[l] = weight;
@@ -303,4 +302,66 @@ fn plane(surfel: &super::surfel::Surfel, corner: [f32; 3]) -> Plane {
     let m = surfel.mean;
     let distance = n[0] * (corner[0] + m[0]) + n[1] * (corner[1] + m[1]) + n[2] * (corner[2] + m[2]);
     (n, distance, surfel.weight)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registration::test_scenes::{YARD, scan_of};
+
+    /// The yard's map, and a frame of it that is not a whole number of blocks.
+    fn yard() -> (LocalMap, Frame) {
+        let points = |seed| -> Vec<[f32; 3]> {
+            scan_of(&YARD, &Pose::identity(), 30.0, seed).iter().map(|p| [p.x, p.y, p.z]).collect()
+        };
+        let mut map = LocalMap::new(0.6, 30.0, 5000);
+        map.insert(&points(1), &Pose::identity(), 1);
+        let mut frame = Frame::default();
+        let mut seen = points(2);
+        seen.truncate(seen.len() / LANES * LANES - 3);
+        frame.set_points(seen.into_iter());
+        (map, frame)
+    }
+
+    #[test]
+    #[cfg(target_arch = "x86_64")]
+    fn wide_vectors_give_the_bits_of_the_portable_ones() {
+        if !std::arch::is_x86_feature_detected!("avx2") {
+            return;
+        }
+        let (map, mut frame) = yard();
+        let pose = map.local(&Pose::new(Vector3::new(0.1, -0.05, 0.02), Vector3::new(0.01, 0.0, 0.05)));
+        for resolution in [Resolution::Fine, Resolution::Coarse] {
+            let mut pass = |wide: bool| {
+                frame.forget_partners();
+                let Frame { blocks, voxels, points } = &mut frame;
+                let run = &mut Run { blocks, voxels, points: *points };
+                if wide {
+                    // SAFETY: AVX2 was detected above.
+                    unsafe { pass_over_avx2(run, &map, &pose, resolution, 0.3) }
+                } else {
+                    pass_over_portable(run, &map, &pose, resolution, 0.3)
+                }
+            };
+            let wide = pass(true);
+            assert!(wide.pairs > 1000.0);
+            assert_eq!(wide, pass(false));
+        }
+    }
+
+    #[test]
+    fn partners_that_are_kept_are_those_that_would_be_found() {
+        let (map, mut frame) = yard();
+        let config = OdometryConfig::default();
+        let schedule = Schedule {
+            resolution: Resolution::Fine,
+            first_scale_m: 0.3,
+            last_scale_m: 0.1,
+            most_iterations: config.max_iterations,
+        };
+        let start = Pose::new(Vector3::new(0.2, -0.1, 0.0), Vector3::new(0.0, 0.0, 0.03));
+        let outcome = frame.align(&map, &start, &schedule, &config);
+        assert!(outcome.converged && outcome.map_from_scanner.translation.vector.norm() < 0.01);
+        assert_eq!(frame.score(&map, &outcome.map_from_scanner, 0.1), outcome.score);
+    }
 }

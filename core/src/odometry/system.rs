@@ -29,7 +29,7 @@ pub(super) struct PairBlock {
 /// `H delta = -b` for a motion of the scanner in the map's axes, about the scanner's own place: translation, then
 /// rotation vector. So points far from the map's origin lose nothing, and a rotation of the axes makes it the
 /// perturbation on the right.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct System {
     upper: [f64; UPPER],
     gradient: [f64; 6],

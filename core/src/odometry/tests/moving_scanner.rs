@@ -129,3 +129,28 @@ fn a_scene_that_is_nearly_all_ground_is_flagged() {
     let flagged = records.iter().filter(|record| record.status == FrameStatus::UnderConstrained).count();
     assert!(flagged >= 15, "{flagged}");
 }
+
+#[test]
+fn scratch() {
+    let scene = CompiledScene::new(Scene::builtin("simple").unwrap()).unwrap();
+    for (eigenvalue, voxel_m, deskew) in [
+        (0.004, 1.0, true),
+        (1e-3, 1.0, true),
+        (1e-4, 1.0, true),
+        (1e-4, 0.5, true),
+        (0.001, 0.5, true),
+        (0.004, 0.5, true),
+        (0.001, 0.7, true),
+        (1e-3, 0.5, false),
+        (1e-4, 0.5, false),
+    ] {
+        println!("{eigenvalue} {voxel_m} {deskew}");
+        let d = drive(
+            &scene,
+            &OdometryConfig { constrained_eigenvalue: eigenvalue, voxel_m, deskew, ..config() },
+            0.0,
+            true,
+        );
+        println!("{:?}", d.records.iter().map(|r| (r.status == FrameStatus::Tracked) as u8).collect::<Vec<_>>());
+    }
+}

@@ -51,8 +51,7 @@ fn a_walk_through_the_yard_is_followed_and_its_error_matches_the_covariance() {
     }
     normalised.sort_by(f64::total_cmp);
     let median = normalised[normalised.len() / 2];
-    println!("normalised squared errors {normalised:.2?}");
-    assert!((0.02..10.0).contains(&median), "{median}");
+    assert!((0.3..3.0).contains(&median), "{normalised:.2?}");
 }
 
 #[test]
@@ -168,7 +167,9 @@ proptest! {
     #[test]
     fn a_turn_on_the_spot_of_any_angle_is_found(yaw in -3.1..3.1f64, x in -1.5..1.5f64, y in -1.5..1.5f64) {
         let mut odometry = Odometry::new(indoor()).unwrap();
-        (1..4).for_each(|seed| drop(frame(&mut odometry, &YARD, &Pose::identity(), seed)));
+        for seed in 1..4 {
+            frame(&mut odometry, &YARD, &Pose::identity(), seed);
+        }
         let truth = pose(x, y, yaw);
         let record = frame(&mut odometry, &YARD, &truth, 4);
         let error = truth.inverse() * record.map_from_scanner;
