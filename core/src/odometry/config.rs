@@ -32,9 +32,9 @@ pub struct OdometryConfig {
     pub translation_tolerance_m: f64,
     /// A last step turning less than this ends the alignment [rad].
     pub rotation_tolerance: f64,
-    /// The least eigenvalue of a direction that counts as constrained, see [`crate::registration::Constraint`]. Noise in
-    /// the normals of voxels gives a tenth of the default at 1 cm; a single house in the open, for the heading, three to
-    /// five times it.
+    /// The least eigenvalue of a direction that counts as constrained, see [`crate::registration::Constraint`]. Lower
+    /// than in pairwise registration: normals of voxels are surer than those of single points, and a single house in
+    /// the open gives its heading no more than a few thousandths.
     pub constrained_eigenvalue: f64,
     /// How many points of a frame share one error (that of the plane of their voxel, of their beam): the covariance is
     /// that many times the one of independent points. Set so that errors in simulated yards are as large as it says.
