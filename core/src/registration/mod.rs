@@ -12,6 +12,7 @@ mod alignment;
 pub mod coarse;
 mod config;
 mod correspondences;
+pub mod global;
 mod information;
 mod iteration;
 mod kdtree;

@@ -139,6 +139,15 @@ impl CoarseAligner {
         Verdict::of(evidence, &self.config.trust)
     }
 
+    /// Poses that another search proposes, moved to where surfaces meet, judged and ranked.
+    #[must_use]
+    pub fn rank(&self, target: &CoarseScan, source: &CoarseScan, candidates: &[Pose]) -> CoarseAlignment {
+        let maxima: Vec<Maximum> =
+            candidates.iter().map(|pose| Maximum { target_from_source: *pose, overlap: 0.0 }).collect();
+        let hypotheses = self.hypotheses(target, source, &maxima);
+        CoarseAlignment { hypotheses, evaluations: 0, cut_short: false }
+    }
+
     /// Maxima of the cubes' overlap.
     fn search(&mut self, target: &CoarseScan, source: &CoarseScan, initial: &Pose, range: &SearchRange) -> Found {
         if self.config.method == Method::DepthByDepth {
