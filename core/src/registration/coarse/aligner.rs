@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::occupancy::Occupancy;
-use super::search::{self, Found, Maximum};
+use super::search::{Maximum, Search};
 use super::{CoarseConfig, CoarseScan, Evidence, Method, SearchRange, Verdict, depth_by_depth, polish};
 use crate::geometry::{self, Pose};
 use crate::registration::ConfigError;
@@ -15,6 +15,17 @@ use crate::threads;
 const SAME_SHIFT_M: f64 = 1.0;
 /// See `SAME_SHIFT_M` [rad].
 const SAME_TURN: f64 = 0.1;
+
+/// A maximum below this share of the best overlap is not followed up: on the lattice the true pose may come second.
+const WORTHWHILE: f64 = 0.55;
+/// A hypothesis of a higher score is the true pose or a rival that looks like it;
+const SURE: f64 = 0.5;
+/// from then on only maxima are followed up that overlap by this share of it, for a rival overlaps as much.
+const RIVAL: f64 = 0.8;
+/// Points of each scan by which hypotheses are ranked.
+const RANKED_POINTS: usize = 600;
+/// Points of each scan by which a pose is verified.
+const VERIFIED_POINTS: usize = 2000;
 
 /// A pose that the search proposes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -122,9 +133,14 @@ impl CoarseAligner {
         }
         let mut initial = *initial_target_from_source;
         initial.rotation.renormalize();
-        let found = self.search(target, source, &initial, range);
-        let hypotheses = self.hypotheses(target, source, &found.maxima);
-        Ok(CoarseAlignment { hypotheses, evaluations: found.evaluations, cut_short: found.cut_short })
+        match self.config.method {
+            Method::BranchAndBound => Ok(self.branch_and_bound(target, source, &initial, range)),
+            Method::DepthByDepth => {
+                let found = depth_by_depth::depth_by_depth(target, source, &initial, range, &self.config);
+                let hypotheses = self.hypotheses(target, source, found.as_slice());
+                Ok(CoarseAlignment { hypotheses, evaluations: depth_by_depth::EVALUATIONS, cut_short: false })
+            }
+        }
     }
 
     /// Judges a pose that any method found, by evidence of its own.
@@ -132,7 +148,7 @@ impl CoarseAligner {
     pub fn verify(&self, target: &CoarseScan, source: &CoarseScan, target_from_source: &Pose) -> Verdict {
         let finite = geometry::rows_from_pose(target_from_source).iter().all(|v| v.is_finite());
         let evidence = if finite {
-            Evidence::new(target, source, target_from_source, self.config.cell_m)
+            Evidence::new(target, source, target_from_source, self.config.cell_m, VERIFIED_POINTS)
         } else {
             Evidence::default()
         };
@@ -148,48 +164,65 @@ impl CoarseAligner {
         CoarseAlignment { hypotheses, evaluations: 0, cut_short: false }
     }
 
-    /// Maxima of the cubes' overlap.
-    fn search(&mut self, target: &CoarseScan, source: &CoarseScan, initial: &Pose, range: &SearchRange) -> Found {
-        if self.config.method == Method::DepthByDepth {
-            return depth_by_depth::depth_by_depth(target, source, initial, range, &self.config);
+    /// Follows up one maximum after the other, as long as it may belong to the true pose or to a rival of it.
+    fn branch_and_bound(
+        &mut self,
+        target: &CoarseScan,
+        source: &CoarseScan,
+        initial: &Pose,
+        range: &SearchRange,
+    ) -> CoarseAlignment {
+        let mut found = CoarseAlignment::default();
+        if target.points().is_empty() || source.points().is_empty() {
+            return found;
         }
         let fingerprint = target.fingerprint();
         let kept = self.target.take().filter(|(kept, _)| *kept == fingerprint);
-        let (_, grid) = self
-            .target
-            .insert(kept.unwrap_or_else(|| (fingerprint, Occupancy::new(target.points(), self.config.cell_m))));
-        search::branch_and_bound(grid, source, initial, range, &self.config)
+        let (_, grid) = kept.unwrap_or_else(|| (fingerprint, Occupancy::new(target.points(), self.config.cell_m)));
+        let mut search = Search::new(&grid, source, initial, range, &self.config);
+        let mut floor = 0.0_f64;
+        let mut hypotheses = Vec::with_capacity(self.config.hypotheses);
+        while hypotheses.len() < self.config.hypotheses {
+            let Some(maximum) = search.next(floor) else { break };
+            let hypothesis = self.follow_up(target, source, &maximum);
+            let share = if hypothesis.score > SURE { RIVAL } else { WORTHWHILE };
+            floor = floor.max(share * maximum.overlap);
+            hypotheses.push(hypothesis);
+        }
+        (found.evaluations, found.cut_short) = (search.evaluations, search.cut_short);
+        found.hypotheses = ranked(hypotheses);
+        self.target = Some((fingerprint, grid));
+        found
     }
 
-    /// The maxima moved to where surfaces meet, judged, and ranked.
-    pub(super) fn hypotheses(
-        &self,
-        target: &CoarseScan,
-        source: &CoarseScan,
-        maxima: &[Maximum],
-    ) -> Vec<CoarseHypothesis> {
-        let cell_m = self.config.cell_m;
-        let mut polished: Vec<Option<CoarseHypothesis>> = vec![None; maxima.len()];
-        threads::for_each(polished.iter_mut().zip(maxima), self.config.threads, |(out, maximum)| {
-            let pose = polish::polish(target, source, &maximum.target_from_source, cell_m);
-            let evidence = Evidence::new(target, source, &pose, cell_m);
-            *out = Some(CoarseHypothesis {
-                target_from_source: pose,
-                cube_overlap: maximum.overlap,
-                score: evidence.score(),
-                evidence,
-            });
+    /// The maxima followed up, and ranked.
+    fn hypotheses(&self, target: &CoarseScan, source: &CoarseScan, maxima: &[Maximum]) -> Vec<CoarseHypothesis> {
+        let mut followed: Vec<Option<CoarseHypothesis>> = vec![None; maxima.len()];
+        threads::for_each(followed.iter_mut().zip(maxima), self.config.threads, |(out, maximum)| {
+            *out = Some(self.follow_up(target, source, maximum));
         });
-        let mut ranked: Vec<CoarseHypothesis> = polished.into_iter().flatten().collect();
-        ranked.sort_by(|a, b| b.score.total_cmp(&a.score));
-        let mut different: Vec<CoarseHypothesis> = Vec::with_capacity(ranked.len());
-        for hypothesis in ranked {
-            if !different.iter().any(|kept| is_same(&kept.target_from_source, &hypothesis.target_from_source)) {
-                different.push(hypothesis);
-            }
-        }
-        different
+        ranked(followed.into_iter().flatten().collect())
     }
+
+    /// Moves a maximum to where surfaces meet, and weighs it.
+    fn follow_up(&self, target: &CoarseScan, source: &CoarseScan, maximum: &Maximum) -> CoarseHypothesis {
+        let cell_m = self.config.cell_m;
+        let pose = polish::polish(target, source, &maximum.target_from_source, cell_m);
+        let evidence = Evidence::new(target, source, &pose, cell_m, RANKED_POINTS);
+        CoarseHypothesis { target_from_source: pose, cube_overlap: maximum.overlap, score: evidence.score(), evidence }
+    }
+}
+
+/// The best score first, each pose once.
+fn ranked(mut hypotheses: Vec<CoarseHypothesis>) -> Vec<CoarseHypothesis> {
+    hypotheses.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut different: Vec<CoarseHypothesis> = Vec::with_capacity(hypotheses.len());
+    for hypothesis in hypotheses {
+        if !different.iter().any(|kept| is_same(&kept.target_from_source, &hypothesis.target_from_source)) {
+            different.push(hypothesis);
+        }
+    }
+    different
 }
 
 /// Whether two poses are one hypothesis.

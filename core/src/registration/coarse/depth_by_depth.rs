@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::lattice;
 use super::occupancy::{LEVELS, OCCUPIED, Occupancy};
-use super::search::{Found, Maximum};
+use super::search::Maximum;
 use super::{CoarseConfig, CoarseScan, SearchRange};
 use crate::geometry::Pose;
 
@@ -20,16 +20,15 @@ pub(super) fn depth_by_depth(
     initial: &Pose,
     range: &SearchRange,
     config: &CoarseConfig,
-) -> Found {
+) -> Option<Maximum> {
     let sample: Vec<[f32; 3]> =
         source.sample().iter().filter_map(|index| source.points().get(*index as usize).copied()).collect();
     if sample.is_empty() {
-        return Found::default();
+        return None;
     }
     let [yaw, tilt] = [range.yaw, range.tilt];
     let mut most = [range.translation_m, range.translation_m, range.height_m, yaw, tilt, tilt];
     let mut best: Displacement = [0.0; 6];
-    let mut found = Found::default();
     let mut overlap = 0;
     for level in (0..LEVELS).rev() {
         let grid = Occupancy::new(target.points(), config.cell_m * f64::from(1 << level));
@@ -43,11 +42,9 @@ pub(super) fn depth_by_depth(
                 (best, overlap) = (tried, count);
             }
         }
-        found.evaluations += 730;
     }
     let overlap = f64::from(overlap) / (sample.len() as f64 * f64::from(OCCUPIED));
-    found.maxima.push(Maximum { target_from_source: pose_of(initial, range, &best), overlap });
-    found
+    Some(Maximum { target_from_source: pose_of(initial, range, &best), overlap })
 }
 
 /// One of the 3^6 combinations about `best`.
@@ -59,6 +56,9 @@ fn displaced(best: &Displacement, most: &Displacement, combination: usize) -> Di
         best[k] + step * most[k]
     })
 }
+
+/// How often the cubes are laid over one another.
+pub(super) const EVALUATIONS: usize = LEVELS * 730;
 
 /// The initial pose, displaced.
 fn pose_of(initial: &Pose, range: &SearchRange, displacement: &Displacement) -> Pose {

@@ -66,15 +66,22 @@ impl Agreement {
 }
 
 impl Evidence {
-    /// Weighs a pose of two scans; `cell_m` is the one they were reduced with.
+    /// Weighs a pose by up to `most_points` of each scan; `cell_m` is the one they were reduced with.
     #[must_use]
-    pub fn new(target: &CoarseScan, source: &CoarseScan, target_from_source: &Pose, cell_m: f64) -> Self {
+    pub(super) fn new(
+        target: &CoarseScan,
+        source: &CoarseScan,
+        target_from_source: &Pose,
+        cell_m: f64,
+        most_points: usize,
+    ) -> Self {
         let mut planes = Planes::default();
-        let forward = lay_over(target, source, target_from_source, cell_m, &mut planes);
+        let forward = lay_over(target, source, target_from_source, cell_m, most_points, &mut planes);
         let hessian = planes.hessian;
         let length_sq = planes.length_sq / f64::from(planes.pairs.max(1));
         let weight = f64::from(planes.pairs.max(1));
-        let backward = lay_over(source, target, &target_from_source.inverse(), cell_m, &mut planes);
+        let inverse = target_from_source.inverse();
+        let backward = lay_over(source, target, &inverse, cell_m, most_points, &mut planes);
         Self {
             forward,
             backward,
@@ -124,13 +131,18 @@ fn lay_over(
     moving: &CoarseScan,
     fixed_from_moving: &Pose,
     cell_m: f64,
+    most_points: usize,
     planes: &mut Planes,
 ) -> Agreement {
     let rotation = fixed_from_moving.rotation.to_rotation_matrix().into_inner();
     let bound_sq = (PAIR_CELLS * cell_m).powi(2) as f32;
-    let mut agreement = Agreement { points: moving.points().len() as u32, ..Agreement::default() };
+    let mut agreement = Agreement::default();
     let mut directions = [[0_u32; 2]; sampling::BINS];
-    for ((point, normal), bin) in moving.points().iter().zip(moving.normals()).zip(moving.bins()) {
+    let every = moving.points().len().div_ceil(most_points.max(1)).max(1);
+    let all = moving.points().iter().zip(moving.normals()).zip(moving.bins());
+    // The points come in the order of an index, so every n-th of them are spread evenly over space.
+    for ((point, normal), bin) in all.step_by(every) {
+        agreement.points += 1;
         let p = Vector3::from(point.map(f64::from));
         let moved = rotation * p + fixed_from_moving.translation.vector;
         let at = [moved.x as f32, moved.y as f32, moved.z as f32];

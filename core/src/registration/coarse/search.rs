@@ -15,10 +15,8 @@ use crate::threads;
 pub(super) const SAME_SHIFT_M: f64 = 1.75;
 /// See `SAME_SHIFT_M` [rad].
 pub(super) const SAME_TURN: f64 = 0.2;
-/// A maximum below this share of the best is not followed up.
-const WORTHWHILE: f64 = 0.55;
 /// Nodes opened at a time, by all threads together.
-const BATCH: usize = 64;
+const BATCH: usize = 96;
 
 /// A maximum of the overlap.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,17 +25,6 @@ pub(super) struct Maximum {
     pub target_from_source: Pose,
     /// The value of the cubes overlapped, as a share of the most there can be.
     pub overlap: f64,
-}
-
-/// What a search found.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Found {
-    /// Different maxima, the best first.
-    pub maxima: Vec<Maximum>,
-    /// How often the source's cubes were laid over the target's.
-    pub evaluations: usize,
-    /// The search ended before it could tell that no better maximum exists.
-    pub cut_short: bool,
 }
 
 /// A set of offsets under one rotation: a window of 2^level cubes along each axis.
@@ -63,51 +50,81 @@ impl PartialOrd for Node {
     }
 }
 
+/// A search under way: it gives one maximum after the other, the best first.
+#[derive(Debug)]
+pub(super) struct Search<'a> {
+    space: Space<'a>,
+    heap: BinaryHeap<Node>,
+    batch: Vec<Node>,
+    maxima: Vec<Maximum>,
+    /// What the overlap of all cubes is worth.
+    most: u32,
+    threads: usize,
+    max_evaluations: usize,
+    /// How often the source's cubes were laid over the target's.
+    pub evaluations: usize,
+    /// The search ended before it could tell that no better maximum exists.
+    pub cut_short: bool,
+}
+
+impl<'a> Search<'a> {
+    /// Begins to look for maxima of the overlap of `source` with the target's cubes, within the range about `initial`.
+    pub fn new(
+        grid: &'a Occupancy,
+        source: &CoarseScan,
+        initial: &'a Pose,
+        range: &SearchRange,
+        config: &CoarseConfig,
+    ) -> Self {
+        let space = Space::new(grid, source, initial, range, config);
+        let heap = space.roots(config.threads);
+        Self {
+            evaluations: heap.len(),
+            space,
+            heap,
+            batch: Vec::with_capacity(BATCH),
+            maxima: Vec::with_capacity(config.hypotheses),
+            most: source.sample().len() as u32 * u32::from(OCCUPIED),
+            threads: config.threads,
+            max_evaluations: config.max_evaluations,
+            cut_short: false,
+        }
+    }
+
+    /// The best maximum of those not yet given, if its overlap is greater than `floor`.
+    pub fn next(&mut self, floor: f64) -> Option<Maximum> {
+        let floor = (floor * f64::from(self.most)) as u32;
+        loop {
+            if self.evaluations >= self.max_evaluations {
+                self.cut_short = true;
+                return None;
+            }
+            match self.space.take(&mut self.heap, &mut self.batch, floor, &self.maxima) {
+                Next::Nothing => return None,
+                Next::Open => {
+                    let children = self.space.children(&self.batch, self.threads);
+                    self.evaluations += children.len();
+                    self.heap.extend(children);
+                }
+                Next::Maximum(node) => {
+                    let overlap = f64::from(node.bound) / f64::from(self.most);
+                    let maximum = Maximum { target_from_source: self.space.pose(&node), overlap };
+                    self.maxima.push(maximum);
+                    return Some(maximum);
+                }
+            }
+        }
+    }
+}
+
 /// Everything a search looks at.
+#[derive(Debug)]
 struct Space<'a> {
     grid: &'a Occupancy,
     initial: &'a Pose,
     rotated: Vec<Rotated>,
     offsets: Offsets,
     cell_m: f64,
-}
-
-/// The best maxima of the overlap of `source` with the target's cubes, within the range about `initial`.
-pub(super) fn branch_and_bound(
-    grid: &Occupancy,
-    source: &CoarseScan,
-    initial: &Pose,
-    range: &SearchRange,
-    config: &CoarseConfig,
-) -> Found {
-    let most = source.sample().len() as u32 * u32::from(OCCUPIED);
-    if most == 0 {
-        return Found::default();
-    }
-    let space = Space::new(grid, source, initial, range, config);
-    let mut heap = space.roots(config.threads);
-    let mut found = Found { evaluations: heap.len(), ..Found::default() };
-    let mut batch = Vec::with_capacity(BATCH);
-    while found.maxima.len() < config.hypotheses {
-        if found.evaluations >= config.max_evaluations {
-            found.cut_short = true;
-            break;
-        }
-        let floor = found.maxima.first().map_or(0, |best| (best.overlap * WORTHWHILE * f64::from(most)) as u32);
-        match space.take(&mut heap, &mut batch, floor, &found.maxima) {
-            Next::Nothing => break,
-            Next::Open => {
-                let children = space.children(&batch, config.threads);
-                found.evaluations += children.len();
-                heap.extend(children);
-            }
-            Next::Maximum(node) => {
-                let overlap = f64::from(node.bound) / f64::from(most);
-                found.maxima.push(Maximum { target_from_source: space.pose(&node), overlap });
-            }
-        }
-    }
-    found
 }
 
 /// What is to be done next.
@@ -232,5 +249,76 @@ impl<'a> Space<'a> {
             let farthest = shift.map(|s| s.abs().max((s + width).abs()));
             farthest.norm() < SAME_SHIFT_M && pose.rotation.angle_to(&maximum.target_from_source.rotation) < SAME_TURN
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::UnitQuaternion;
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::registration::coarse::depth_by_depth::overlapping;
+    use crate::registration::test_scenes::{YARD, scan_of};
+
+    fn yard(seed: u64) -> CoarseScan {
+        let config = CoarseConfig { search_points: 120, threads: 1, ..CoarseConfig::default() };
+        let pose = Pose::new(Vector3::new(0.3 * seed as f64, 0.2, 0.0), Vector3::new(0.0, 0.0, 0.1 * seed as f64));
+        let points: Vec<[f32; 3]> = scan_of(&YARD, &pose, 12.0, seed + 1).iter().map(|p| [p.x, p.y, p.z]).collect();
+        CoarseScan::new(&points, 0.25, &config)
+    }
+
+    /// The poses of the lattice, and the overlap of each as the source counts it.
+    fn exhaustive(grid: &Occupancy, source: &CoarseScan, initial: &Pose, range: &SearchRange) -> Vec<(Pose, u32)> {
+        let config = CoarseConfig::default();
+        let points: Vec<[f32; 3]> = source.sample().iter().map(|k| source.points()[*k as usize]).collect();
+        let Offsets { low, high } = lattice::offsets(initial, range, config.cell_m);
+        let mut all = Vec::new();
+        for rotation in lattice::rotations(initial, range, &config) {
+            for x in low[0]..=high[0] {
+                for y in low[1]..=high[1] {
+                    for z in low[2]..=high[2] {
+                        let offset = Vector3::new(x, y, z).map(f64::from) * config.cell_m;
+                        let pose = Pose::from_parts((initial.translation.vector + offset).into(), rotation);
+                        all.push((pose, overlapping(grid, &points, &pose)));
+                    }
+                }
+            }
+        }
+        all
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(12))]
+        #[test]
+        fn it_finds_the_overlap_that_trying_every_pose_finds(
+            seed in 0u64..4,
+            shift in prop::array::uniform3(-1.0..1.0f64),
+            yaw in -0.3..0.3f64,
+        ) {
+            let (target, source) = (yard(seed), yard(seed + 1));
+            let grid = Occupancy::new(target.points(), 0.5);
+            let initial =
+                Pose::from_parts(Vector3::from(shift).into(), UnitQuaternion::from_scaled_axis(Vector3::z() * yaw));
+            let range = SearchRange { translation_m: 2.0, height_m: 0.5, yaw: 0.2, tilt: 0.0, ..SearchRange::default() };
+            let all = exhaustive(&grid, &source, &initial, &range);
+            let config = CoarseConfig { threads: 1, ..CoarseConfig::default() };
+            let mut search = Search::new(&grid, &source, &initial, &range, &config);
+            let worth = |overlap: u32| f64::from(overlap) / f64::from(search.most);
+            let most = all.iter().map(|(_, overlap)| *overlap).max().unwrap();
+            let (most, all): (f64, Vec<_>) = (worth(most), all.iter().map(|(pose, o)| (*pose, worth(*o))).collect());
+            let first = search.next(0.0).unwrap();
+            // Half a cube's corner may fall either way when a pose is multiplied out in another order.
+            prop_assert!((first.overlap - most).abs() < 0.01, "{} {most}", first.overlap);
+            // The second is the best of those that are not the first.
+            let other = |pose: &Pose| {
+                let shift = pose.translation.vector - first.target_from_source.translation.vector;
+                shift.norm() >= SAME_SHIFT_M || pose.rotation.angle_to(&first.target_from_source.rotation) >= SAME_TURN
+            };
+            let second = all.iter().filter(|(pose, _)| other(pose)).map(|(_, o)| *o).fold(0.0, f64::max);
+            if let Some(found) = search.next(0.0) {
+                prop_assert!((found.overlap - second).abs() < 0.01, "{} {second}", found.overlap);
+            }
+        }
     }
 }

@@ -171,3 +171,19 @@ fn the_answer_depends_neither_on_the_number_of_threads_nor_on_earlier_questions(
     assert_eq!(one, with(2, true));
     assert_eq!(one, with(3, false));
 }
+
+#[test]
+fn the_sources_own_search_recovers_a_start_that_is_not_far_off() {
+    let Some(folder) = data("coarse depth by depth", "synth_pair") else { return };
+    let mut aligner =
+        CoarseAligner::new(CoarseConfig { method: Method::DepthByDepth, ..CoarseConfig::default() }).unwrap();
+    let scan = |name: &str| Prepared::new(&read_xyz32(&folder.join(format!("{name}.xyz32.bin"))), &aligner);
+    let (target, source) = (scan("target"), scan("source"));
+    let truth = read_pose(&folder.join("target_from_source.txt"));
+    let range = SearchRange { translation_m: 2.0, yaw: 0.3, ..SearchRange::default() };
+    let prior = truth * Pose::new(Vector3::new(1.2, -0.8, 0.2), Vector3::new(0.02, 0.03, 0.2));
+    let answer = aligner.relocalise(&mut registration(), target.keyframe(), source.keyframe(), &prior, &range).unwrap();
+    let trusted = answer.trusted().unwrap_or_else(|| panic!("{:?}", answer.verdict.doubt));
+    let (metres, degrees) = error_of(&truth, &trusted.target_from_source);
+    assert!(metres < 0.01 && degrees < 0.05, "{metres} m {degrees} deg");
+}

@@ -1,6 +1,6 @@
 //! Thinning to one point a cube, and the planes through its neighbours.
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::registration::{KdTree, Neighbours};
 use crate::threads;
@@ -73,21 +73,56 @@ fn plane(points: &[[f32; 3]], point: [f32; 3], neighbours: &Neighbours) -> Optio
         squares += offset * offset.transpose();
     }
     let count = neighbours.found().len() as f64;
-    let eigen = SymmetricEigen::new(squares / count - sum * sum.transpose() / (count * count));
-    let mut order = [0, 1, 2];
-    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-    let [least, middle, most] = order.map(|k| eigen.eigenvalues[k]);
+    let normal = flattest(&(squares / count - sum * sum.transpose() / (count * count)))?;
+    let towards_scanner = if normal.dot(&own) > 0.0 { -normal } else { normal };
+    Some([towards_scanner.x as f32, towards_scanner.y as f32, towards_scanner.z as f32])
+}
+
+/// The unit eigenvector of the least eigenvalue of a covariance, if that is small against the middle one, and the
+/// middle one not small against the greatest. The eigenvalues are the roots of the characteristic cubic (Smith 1961).
+fn flattest(covariance: &Matrix3<f64>) -> Option<Vector3<f64>> {
+    let scale = covariance.trace();
+    if !(scale.is_finite() && scale > 1e-12) {
+        return None;
+    }
+    let m = covariance / scale;
+    let deviation = m - Matrix3::from_diagonal_element(1.0 / 3.0);
+    let spread = (deviation.norm_squared() / 6.0).sqrt();
+    if spread < 1e-9 {
+        return None;
+    }
+    let angle = ((deviation / spread).determinant() / 2.0).clamp(-1.0, 1.0).acos() / 3.0;
+    let most = 1.0 / 3.0 + 2.0 * spread * angle.cos();
+    let least = 1.0 / 3.0 + 2.0 * spread * (angle + 2.0 * std::f64::consts::FRAC_PI_3).cos();
+    let middle = 1.0 - most - least;
     if !(middle > LEAST_WIDTH * most && least < MOST_THICKNESS * middle) {
         return None;
     }
-    let normal = eigen.eigenvectors.column(order[0]).into_owned();
-    let towards_scanner = if normal.dot(&own) > 0.0 { -normal } else { normal };
-    Some([towards_scanner.x as f32, towards_scanner.y as f32, towards_scanner.z as f32])
+    // The rows of m - least I span the plane of the other two eigenvectors.
+    let shifted = m - Matrix3::from_diagonal_element(least);
+    let rows: [Vector3<f64>; 3] = std::array::from_fn(|k| shifted.row(k).transpose());
+    let crosses = [rows[0].cross(&rows[1]), rows[1].cross(&rows[2]), rows[2].cross(&rows[0])];
+    let longest = crosses.iter().fold(crosses[0], |a, b| if b.norm_squared() > a.norm_squared() { *b } else { a });
+    longest.try_normalize(1e-14)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_normal_of_a_flat_covariance_is_its_least_eigenvector(
+            r in prop::array::uniform3(-3.0..3.0f64),
+            e in prop::array::uniform3(0.0..1.0f64),
+        ) {
+            let values = Vector3::new(0.05 * e[0], 0.3 + e[1], 1.3 + e[2]);
+            let rotation = nalgebra::Rotation3::new(Vector3::from(r));
+            let normal = flattest(&(rotation * Matrix3::from_diagonal(&values) * rotation.inverse())).unwrap();
+            prop_assert!(normal.cross(&(rotation * Vector3::x())).norm() < 1e-6);
+        }
+    }
 
     #[test]
     fn points_of_one_cube_become_their_centroid_and_far_ones_are_left_out() {

@@ -34,10 +34,11 @@ impl Agreements {
             cosine: config.consistency_cosine as f32,
         };
         threads::for_each(bits.chunks_mut(words.max(1)).enumerate(), config.threads, |(i, row)| {
-            for j in 0..matches.len() {
+            for j in i + 1..matches.len() {
                 row[j / 64] |= u64::from(rule.agree(i, j)) << (j % 64);
             }
         });
+        mirror(&mut bits, words, matches.len());
         let degrees = bits.chunks(words.max(1)).map(|row| row.iter().map(|w| w.count_ones()).sum()).collect();
         Self { words, bits, degrees }
     }
@@ -83,6 +84,22 @@ impl Agreements {
     fn row(&self, index: u32) -> &[u64] {
         let start = index as usize * self.words;
         &self.bits[start..start + self.words]
+    }
+}
+
+/// Copies the upper half of the bits into the lower.
+fn mirror(bits: &mut [u64], words: usize, count: usize) {
+    for i in 0..count {
+        for word in i / 64..words {
+            let mut rest = bits[i * words + word];
+            while rest != 0 {
+                let j = word * 64 + rest.trailing_zeros() as usize;
+                rest &= rest - 1;
+                if j > i {
+                    bits[j * words + i / 64] |= 1 << (i % 64);
+                }
+            }
+        }
     }
 }
 

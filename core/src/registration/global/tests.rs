@@ -129,8 +129,14 @@ impl Row {
         let outcome = Outcome::of(&answer, truth, tolerance);
         self.tally.add(outcome);
         let e = &answer.verdict.evidence;
+        let error = match (&answer.alignment, truth) {
+            (Some(alignment), Some(truth)) => {
+                (truth.inverse() * alignment.target_from_source).translation.vector.norm()
+            }
+            _ => f64::INFINITY,
+        };
         self.lines.push(format!(
-            "T {} {label} {outcome:?} score {:.3} con {:.3} {:.3} ov {:.3} {:.3} eig {:.4} res {:.3} m {} {} margin {:.3} tried {} doubt {:?}",
+            "T {} {label} {outcome:?} score {:.3} con {:.3} {:.3} ov {:.3} {:.3} eig {:.4} res {:.3} m {} {} margin {:.3} tried {} err {error:.3} doubt {:?}",
             self.name, e.score(), e.forward.contradiction(), e.backward.contradiction(), e.forward.overlap(),
             e.backward.overlap(), e.least_eigenvalue, e.residual_rms_m, e.forward.matched, e.backward.matched,
             answer.margin, answer.tried, answer.verdict.doubt
@@ -327,4 +333,65 @@ fn poorer(points: &[Point], kind: usize, direction: f64) -> Vec<Point> {
         _ => p.z < -1.0,
     };
     points.iter().filter(keep).copied().collect()
+}
+
+#[test]
+#[ignore = "prints times; run it alone"]
+fn times_of_every_step() {
+    let mut bench = Bench::new();
+    let Some((target, source, synth_truth)) = synth_pair("times") else { return };
+    let Some((clouds, poses)) = handheld("times") else { return };
+    let cases = [
+        ("synth_pair", bench.prepare(&target), bench.prepare(&source), synth_truth),
+        ("handheld 8-9", bench.prepare(&clouds[8]), bench.prepare(&clouds[9]), poses[8].inverse() * poses[9]),
+        ("handheld 30-31", bench.prepare(&clouds[30]), bench.prepare(&clouds[31]), poses[30].inverse() * poses[31]),
+    ];
+    for (name, target, source, truth) in &cases {
+        let mut step = |what: &str, work: &mut dyn FnMut(&mut Bench, usize) -> usize| {
+            let mut times: Vec<f64> = (0..30)
+                .map(|k| {
+                    let begin = Instant::now();
+                    std::hint::black_box(work(&mut bench, k));
+                    begin.elapsed().as_secs_f64() * 1e3
+                })
+                .collect();
+            times.sort_by(f64::total_cmp);
+            println!("{name}: {what}: p50 {:.2} ms, max {:.2} ms", times[15], times[29]);
+        };
+        let ranges = [(0.5, 2.0), (1.0, 5.0), (2.0, 10.0), (5.0, 45.0)];
+        println!(
+            "{name}: {} points, {} bytes, features {} bytes",
+            target.coarse.points().len(),
+            target.coarse.bytes(),
+            target.features.bytes()
+        );
+        step("prepare", &mut |bench, _| bench.coarse.prepare(source.prepared.points(), 0.25).bytes());
+        step("verify", &mut |bench, _| {
+            usize::from(bench.coarse.verify(&target.coarse, &source.coarse, truth).is_trusted())
+        });
+        step("the cubes of a target", &mut |bench, k| {
+            // Another target in between makes the aligner forget.
+            let other = if k % 2 == 0 { &source.coarse } else { &target.coarse };
+            let none = SearchRange { translation_m: 0.0, height_m: 0.0, yaw: 0.0, tilt: 0.0, ..SearchRange::default() };
+            bench.coarse.align(other, &source.coarse, truth, &none).unwrap().evaluations
+        });
+        for (metres, degrees) in ranges {
+            let range = SearchRange {
+                translation_m: metres,
+                yaw: f64::to_radians(degrees),
+                tilt: f64::to_radians(if degrees < 4.0 { 0.0 } else { f64::min(degrees, 5.0) }),
+                ..SearchRange::default()
+            };
+            let mut draws = Draws::new(5);
+            step(&format!("align {metres} m {degrees} deg"), &mut |bench, _| {
+                let prior = truth * draws.error_within(&range);
+                bench.coarse.align(&target.coarse, &source.coarse, &prior, &range).unwrap().evaluations
+            });
+        }
+        step("features", &mut |bench, _| bench.global.prepare(&source.coarse).len());
+        step("candidates", &mut |bench, _| bench.global.candidates(&target.features, &source.features).len());
+        step("global align", &mut |bench, _| {
+            bench.global.align(&bench.coarse, target.global(), source.global()).hypotheses.len()
+        });
+    }
 }
