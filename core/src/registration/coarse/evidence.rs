@@ -47,6 +47,10 @@ pub struct Agreement {
     pub matched: u32,
     /// Points that stand where the other scan's rays passed.
     pub contradicted: u32,
+    /// Points that the other scan would have seen: it saw something in their direction, and nothing well before them.
+    pub visible: u32,
+    /// Of these, matched ones.
+    pub visible_matched: u32,
     /// The mean over the directions that surfaces face of their share of matched points.
     pub structure: f64,
 }
@@ -56,6 +60,13 @@ impl Agreement {
     #[must_use]
     pub fn overlap(&self) -> f64 {
         f64::from(self.matched) / f64::from(self.points.max(1))
+    }
+
+    /// The share of matched points among those that the other scan would have seen: what is hidden or out of view
+    /// speaks neither for nor against a pose.
+    #[must_use]
+    pub fn explained(&self) -> f64 {
+        f64::from(self.visible_matched) / f64::from(self.visible.max(1))
     }
 
     /// The share of contradicted points among the matched and contradicted.
@@ -165,19 +176,18 @@ fn lay_over(
         if matched {
             agreement.matched += 1;
             direction[1] += 1;
-        } else if is_contradicted(fixed, at, cell_m as f32) {
-            agreement.contradicted += 1;
         }
+        let range = length(at);
+        let Some(free) = fixed.ranges().free_range(at).filter(|_| range > NEAREST_M) else { continue };
+        let margin = FREE_CELLS * cell_m as f32 + FREE_SHARE * free;
+        if range < free + margin {
+            agreement.visible += 1;
+            agreement.visible_matched += u32::from(matched);
+        }
+        agreement.contradicted += u32::from(!matched && range < free - margin);
     }
     agreement.structure = structure(&directions);
     agreement
-}
-
-/// Whether the scan's rays passed where the point stands.
-fn is_contradicted(fixed: &CoarseScan, at: [f32; 3], cell_m: f32) -> bool {
-    let range = length(at);
-    range > NEAREST_M
-        && fixed.ranges().free_range(at).is_some_and(|free| range < free - FREE_CELLS * cell_m - FREE_SHARE * free)
 }
 
 /// The mean share of matched points over the directions that have enough.

@@ -34,6 +34,14 @@ pub enum Doubt {
         /// `trust.most_contradicted`.
         most: f64,
     },
+    /// The other scan would have seen the points, and saw something else.
+    #[error("{share:.3} of the points that the other scan would have seen lie on its surfaces, {required} is needed")]
+    Unexplained {
+        /// In the worse direction.
+        share: f64,
+        /// `trust.least_explained`.
+        required: f64,
+    },
     /// Too small a share of the scans coincides.
     #[error("the scans overlap by {overlap:.3}, {required} is needed")]
     LittleOverlap {
@@ -110,6 +118,10 @@ fn doubt(evidence: &Evidence, trust: &TrustConfig) -> Option<Doubt> {
     if share > trust.most_contradicted {
         return Some(Doubt::Contradicted { share, most: trust.most_contradicted });
     }
+    let share = forward.explained().min(backward.explained());
+    if share < trust.least_explained {
+        return Some(Doubt::Unexplained { share, required: trust.least_explained });
+    }
     let overlap = forward.overlap().max(backward.overlap());
     if overlap < trust.least_overlap {
         return Some(Doubt::LittleOverlap { overlap, required: trust.least_overlap });
@@ -126,4 +138,48 @@ fn doubt(evidence: &Evidence, trust: &TrustConfig) -> Option<Doubt> {
         return Some(Doubt::Unconstrained { least: evidence.least_eigenvalue, required: trust.least_eigenvalue });
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::registration::coarse::Agreement;
+
+    fn fair() -> Evidence {
+        let one = Agreement {
+            points: 2000,
+            matched: 1500,
+            contradicted: 5,
+            visible: 1500,
+            visible_matched: 1400,
+            structure: 0.7,
+        };
+        Evidence { forward: one, backward: one, residual_rms_m: 0.05, least_eigenvalue: 0.05 }
+    }
+
+    /// The doubt about fair evidence once something about it is changed.
+    fn doubt_after(change: impl FnOnce(&mut Evidence)) -> Option<Doubt> {
+        let mut evidence = fair();
+        change(&mut evidence);
+        Verdict::of(evidence, &TrustConfig::default()).doubt
+    }
+
+    #[test]
+    fn every_kind_of_missing_evidence_is_called_by_its_name() {
+        assert_eq!(doubt_after(|_| ()), None);
+        assert!(matches!(doubt_after(|e| e.backward.matched = 50), Some(Doubt::TooFewMatches { matched: 50, .. })));
+        assert!(matches!(doubt_after(|e| e.backward.contradicted = 300), Some(Doubt::Contradicted { .. })));
+        assert!(matches!(doubt_after(|e| e.forward.visible_matched = 900), Some(Doubt::Unexplained { .. })));
+        let little = |e: &mut Evidence| (e.forward.matched, e.backward.matched) = (500, 500);
+        assert!(matches!(doubt_after(little), Some(Doubt::LittleOverlap { .. })));
+        let ground = |e: &mut Evidence| (e.forward.structure, e.backward.structure) = (0.3, 0.3);
+        assert!(matches!(doubt_after(ground), Some(Doubt::LittleStructure { .. })));
+        assert!(matches!(doubt_after(|e| e.residual_rms_m = 0.2), Some(Doubt::LargeResidual { .. })));
+        assert!(matches!(doubt_after(|e| e.least_eigenvalue = 0.001), Some(Doubt::Unconstrained { .. })));
+    }
+
+    #[test]
+    fn no_evidence_at_all_is_no_reason_to_trust() {
+        assert!(!Verdict::of(Evidence::default(), &TrustConfig::default()).is_trusted());
+    }
 }

@@ -136,10 +136,10 @@ impl Row {
             _ => f64::INFINITY,
         };
         self.lines.push(format!(
-            "T {} {label} {outcome:?} score {:.3} con {:.3} {:.3} ov {:.3} {:.3} eig {:.4} res {:.3} m {} {} margin {:.3} tried {} err {error:.3} doubt {:?}",
+            "T {} {label} {outcome:?} score {:.3} con {:.3} {:.3} ov {:.3} {:.3} eig {:.4} res {:.3} m {} {} margin {:.3} tried {} exp {:.3} {:.3} vis {} {} err {error:.3} doubt {:?}",
             self.name, e.score(), e.forward.contradiction(), e.backward.contradiction(), e.forward.overlap(),
             e.backward.overlap(), e.least_eigenvalue, e.residual_rms_m, e.forward.matched, e.backward.matched,
-            answer.margin, answer.tried, answer.verdict.doubt
+            answer.margin, answer.tried, e.forward.explained(), e.backward.explained(), e.forward.visible, e.backward.visible, answer.verdict.doubt
         ));
     }
 
