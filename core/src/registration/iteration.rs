@@ -17,6 +17,9 @@ const SETTLED_SHARE: f64 = 0.1;
 const SPARSE_GATE_VOXELS: f64 = 4.0;
 /// The sparse points have done their part when a step moves the points by less than this many voxels.
 const SPARSE_TOLERANCE_VOXELS: f64 = 0.02;
+/// After so many steps without a lower cost, each below this share of the pair distance, pairs only change places.
+const STALLED_STEPS: u32 = 6;
+const STALLED_SHARE: f64 = 0.02;
 /// A cost below this share of the start's, over the sparse points, is below the start's over all points, too.
 const CLEARLY_BETTER: f64 = 0.7;
 
@@ -244,7 +247,9 @@ impl<'a> Problem<'a> {
             let enough = M::evidence(&sum).pairs >= LEAST_PAIRS;
             let step = enough.then(|| M::step(&sum, &walk.pose, &constraint, damping)).flatten();
             let Some(step) = step else { return sum };
-            if walk.is_small(&(step / M::TOLERANCE_SHARE), constraint.length_m, self.config) {
+            if walk.is_small(&(step / M::TOLERANCE_SHARE), constraint.length_m, self.config)
+                || walk.is_stalled(improved, &step, constraint.length_m)
+            {
                 // Not taken: the pose it would lead to is as good, and this one has been judged.
                 walk.settled = true;
                 return sum;
@@ -331,6 +336,8 @@ struct Walk {
     /// The last step was below the tolerances, at the final pair distance.
     settled: bool,
     damping: f64,
+    /// Small steps in a row that did not lower the cost.
+    stalled: u32,
     /// The greatest squared residual that pulls [m^2].
     trimmed_sq: f32,
     first_cost: f64,
@@ -348,6 +355,7 @@ impl Walk {
             iterations: 0,
             settled: false,
             damping: 1e-3,
+            stalled: 0,
             trimmed_sq: f32::INFINITY,
             first_cost: f64::INFINITY,
             best: Best { pose, cost: f64::INFINITY, limited: false },
@@ -402,6 +410,14 @@ impl Walk {
             self.gate = (0.5 * self.gate).max(self.final_gate);
         }
         true
+    }
+
+    /// Whether small steps at the final pair distance have stopped to make things better.
+    fn is_stalled(&mut self, improved: bool, step: &Twist, length_m: f64) -> bool {
+        let moves_m = step.fixed_rows::<3>(0).norm() + step.fixed_rows::<3>(3).norm() * length_m;
+        let in_place = self.gate <= self.final_gate && moves_m < STALLED_SHARE * self.gate;
+        self.stalled = if improved || !in_place { 0 } else { self.stalled + 1 };
+        self.stalled >= STALLED_STEPS
     }
 
     /// Whether a step at the final pair distance is below the tolerances.

@@ -12,7 +12,9 @@
 #![allow(clippy::needless_range_loop)]
 
 mod alignment;
+pub mod coarse;
 mod config;
+pub mod global;
 mod information;
 mod iteration;
 mod kdtree;

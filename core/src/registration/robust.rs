@@ -23,6 +23,15 @@ pub enum RobustKernel {
     GemanMcclure,
 }
 
+impl RobustKernel {
+    /// The weight of a residual at a scale, both in one unit: in [0, 1].
+    #[must_use]
+    pub fn weight(self, residual: f64, scale: f64) -> f64 {
+        let ratio = residual / scale;
+        f64::from(Kernel::new(self, 1.0).weight((ratio * ratio) as f32))
+    }
+}
+
 /// A kernel at one scale.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Kernel {

@@ -10,7 +10,7 @@ use crate::registration::test_scenes::{CORRIDOR, YARD, data, read_tum, read_xyz3
 use crate::registration::{Registration, RegistrationConfig, Registry};
 use crate::scan::{Point, ScanView};
 
-const DEFAULT_METHOD: &str = "point_to_plane";
+const DEFAULT_METHOD: &str = "gicp";
 
 fn method(name: &str, threads: usize) -> Box<dyn Registration> {
     Registry::default().create(name, &RegistrationConfig { threads, ..RegistrationConfig::default() }).unwrap()

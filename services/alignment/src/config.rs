@@ -19,7 +19,7 @@ pub struct AlignmentConfig {
 impl Default for AlignmentConfig {
     fn default() -> Self {
         Self {
-            registration: "point_to_plane".into(),
+            registration: "gicp".into(),
             method: RegistrationConfig::default(),
             sequential: SequentialConfig::default(),
         }

@@ -72,11 +72,8 @@ impl Minimiser for PointToPoint {
     const NAME: &'static str = "point_to_point";
     const TOLERANCE_SHARE: f64 = 0.25;
 
-    /// Points farther apart than a voxel's edge are not of one place: where one scan ends, the other's points would pull
-    /// towards its border.
-    fn settings(config: &RegistrationConfig, gates: &Gates) -> Gates {
-        let edge_m = config.preparation.voxel_m as f32;
-        Gates { pair_sq: gates.pair_sq.min(edge_m * edge_m), ..*gates }
+    fn settings(_: &RegistrationConfig, gates: &Gates) -> Gates {
+        *gates
     }
 
     fn evidence(sum: &Sum) -> &Evidence {

@@ -7,9 +7,6 @@ use crate::geometry::Pose;
 use crate::registration::PreparedCloud;
 use crate::registration::PreparedScan;
 
-/// No partner found so far.
-const NO_PARTNER: u32 = u32::MAX;
-
 /// Two scans that see the same surfaces.
 #[derive(Debug, Clone)]
 pub(super) struct ScanPair {
@@ -17,8 +14,6 @@ pub(super) struct ScanPair {
     pub target: usize,
     /// The scan whose points are used.
     pub source: usize,
-    /// The partners found last, of each point that looks for one: they bound the next search.
-    partners: Vec<u32>,
     /// What the pairs of points say.
     pub sum: PairSum,
 }
@@ -43,7 +38,7 @@ pub(super) struct Round {
 
 impl ScanPair {
     pub fn new(target: usize, source: usize) -> Self {
-        Self { target, source, partners: Vec::new(), sum: PairSum::default() }
+        Self { target, source, sum: PairSum::default() }
     }
 
     /// Finds partners anew and sums over them.
@@ -58,23 +53,22 @@ impl ScanPair {
         let rotation: Matrix3<f64> = target_from_source.rotation.to_rotation_matrix().into_inner();
         let translation = target_from_source.translation.vector;
         let asking = source.points().len().div_ceil(config.stride);
-        self.partners.resize(asking, NO_PARTNER);
         let gate_sq = (round.gate_m * round.gate_m) as f32;
         let mut sum = PairSum::default();
         let mut met = 0_u32;
         // Each pair of scans begins at another point, so that all points have their say in some pair.
         let first = (self.target + self.source) % config.stride;
         let points = source.points().iter().skip(first).step_by(config.stride);
-        for (point, partner) in points.zip(&mut self.partners) {
+        for point in points {
             let local = Vector3::from(point.map(f64::from));
             let moved = rotation * local + translation;
-            let Some(index) = nearest(target, &moved, partner, gate_sq) else { continue };
-            met += 1;
-            let normal = Vector3::from(target.normals()[index].map(f64::from));
-            if normal == Vector3::zeros() {
+            let Some((index, _)) = target.nearest([moved.x as f32, moved.y as f32, moved.z as f32], gate_sq) else {
                 continue;
-            }
-            let residual = normal.dot(&(moved - Vector3::from(target.points()[index].map(f64::from))));
+            };
+            met += 1;
+            let Some((normal, offset)) = target.plane(index as usize) else { continue };
+            let normal = Vector3::from(normal.map(f64::from));
+            let residual = normal.dot(&moved) - f64::from(offset);
             sum.add(&local, &rotation.tr_mul(&normal), residual, round, config);
         }
         sum.overlap = f64::from(met) / asking as f64;
@@ -106,26 +100,4 @@ impl PairSum {
         self.cost += (residual * residual).min(config.robust_scale_m * config.robust_scale_m);
         self.points += 1;
     }
-}
-
-/// The index of the target's point nearest to `moved`, if one is within the gate. The partner of the last round bounds
-/// the search.
-#[inline]
-fn nearest(target: &PreparedCloud, moved: &Vector3<f64>, partner: &mut u32, gate_sq: f32) -> Option<usize> {
-    let query = [moved.x as f32, moved.y as f32, moved.z as f32];
-    let mut bound_sq = gate_sq;
-    let mut found = None;
-    if let Some(last) = target.points().get(*partner as usize) {
-        let offset: [f32; 3] = std::array::from_fn(|k| query[k] - last[k]);
-        let distance_sq = offset.iter().map(|value| value * value).sum::<f32>();
-        if distance_sq < bound_sq {
-            bound_sq = distance_sq;
-            found = Some(*partner);
-        }
-    }
-    if let Some((closer, _)) = target.tree().nearest(query, bound_sq) {
-        found = Some(closer);
-    }
-    *partner = found.unwrap_or(NO_PARTNER);
-    found.map(|index| index as usize)
 }
