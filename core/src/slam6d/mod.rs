@@ -15,4 +15,4 @@ pub use acceptance::{AcceptanceConfig, Rejection};
 pub use errors::{TrajectoryError, trajectory_error};
 pub use record::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
 pub use sequential::{RestoreError, SequentialAligner, SequentialConfig};
-pub use state::{AlignerState, TargetState, TrajectoryEntry};
+pub use state::{AlignerState, TargetState};
