@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::registration::ConfigError;
+use crate::slam6d::pose_graph::PoseGraphConfig;
 
 /// How the poses of older scans are corrected.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -20,7 +21,7 @@ pub enum CorrectionMethod {
 }
 
 /// The settings of loop closing and of the correction of older scans.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct GlobalConfig {
     /// How the poses of older scans are corrected.
@@ -59,6 +60,8 @@ pub struct GlobalConfig {
     pub window_scans: usize,
     /// Keyframes that are held ready for registration beside the packed ones. More save time, fewer memory.
     pub prepared_keyframes: usize,
+    /// The graph.
+    pub pose_graph: PoseGraphConfig,
 }
 
 impl Default for GlobalConfig {
@@ -81,6 +84,7 @@ impl Default for GlobalConfig {
             correction_threshold_deg: 0.05,
             window_scans: 40,
             prepared_keyframes: 24,
+            pose_graph: PoseGraphConfig::default(),
         }
     }
 }
@@ -106,7 +110,8 @@ impl GlobalConfig {
         ConfigError::check("global.correction_threshold_m", self.correction_threshold_m, 0.0, 100.0)?;
         ConfigError::check("global.correction_threshold_deg", self.correction_threshold_deg, 0.0, 180.0)?;
         ConfigError::check("global.window_scans", self.window_scans as f64, 2.0, 1e6)?;
-        ConfigError::check("global.prepared_keyframes", self.prepared_keyframes as f64, 1.0, 1e4)
+        ConfigError::check("global.prepared_keyframes", self.prepared_keyframes as f64, 2.0, 1e4)?;
+        self.pose_graph.validate()
     }
 }
 
