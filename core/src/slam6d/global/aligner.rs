@@ -85,7 +85,8 @@ struct Work {
 }
 
 impl GlobalAligner {
-    /// An aligner without a map; the first scan defines it.
+    /// An aligner without a map; the first scan defines it. `spacing_m` is how far the reduced points of a scan lie
+    /// apart: the voxel of its preparation.
     ///
     /// # Errors
     /// The first field of the settings out of range.
@@ -93,24 +94,30 @@ impl GlobalAligner {
         registration: Box<dyn Registration>,
         sequential: SequentialConfig,
         config: GlobalConfig,
+        spacing_m: f64,
     ) -> Result<Self, ConfigError> {
         config.validate()?;
-        Ok(Self::with(SequentialAligner::new(registration, sequential)?, sequential, config))
+        Self::with(SequentialAligner::new(registration, sequential)?, sequential, config, spacing_m)
     }
 
-    fn with(aligner: SequentialAligner, sequential_config: SequentialConfig, config: GlobalConfig) -> Self {
-        Self {
+    fn with(
+        aligner: SequentialAligner,
+        sequential_config: SequentialConfig,
+        config: GlobalConfig,
+        spacing_m: f64,
+    ) -> Result<Self, ConfigError> {
+        Ok(Self {
             sequential: aligner,
             sequential_config,
             map: Map::default(),
             ready: Ready::new(config.prepared_keyframes),
-            verification: Verification::default(),
+            verification: Verification::new(&config, spacing_m)?,
             pending: VecDeque::new(),
             work: None,
             journal: Vec::new(),
             is_journalling: false,
             config,
-        }
+        })
     }
 
     /// An aligner that goes on from the state and the journal of another. With the same method, settings and scan of
@@ -122,13 +129,14 @@ impl GlobalAligner {
         registration: Box<dyn Registration>,
         sequential: SequentialConfig,
         config: GlobalConfig,
+        spacing_m: f64,
         state: AlignerState,
         target_scan: Option<ScanView<'_>>,
         journal: impl IntoIterator<Item = Journalled>,
     ) -> Result<Self, MapRestoreError> {
         config.validate()?;
         let aligner = SequentialAligner::restore(registration, sequential, state, target_scan)?;
-        let mut restored = Self::with(aligner, sequential, config);
+        let mut restored = Self::with(aligner, sequential, config, spacing_m)?;
         let mut due = BTreeSet::new();
         for Journalled { entry, keyframe } in journal {
             match entry {
@@ -190,7 +198,7 @@ impl GlobalAligner {
     /// The memory held: the map, its keyframes and those ready for registration [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.sequential.bytes() + self.ready.bytes() + self.map.bytes()
+        self.sequential.bytes() + self.ready.bytes() + self.verification.bytes() + self.map.bytes()
     }
 
     /// The memory of the newest accepted scan's keyframe, as it is kept [bytes]; 0 before the first.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::registration::ConfigError;
+use crate::registration::coarse::CoarseConfig;
 use crate::slam6d::pose_graph::PoseGraphConfig;
 
 /// How the poses of older scans are corrected.
@@ -60,6 +61,12 @@ pub struct GlobalConfig {
     pub window_scans: usize,
     /// Keyframes that are held ready for registration beside the packed ones. More save time, fewer memory.
     pub prepared_keyframes: usize,
+    /// Whether a loop is judged by the evidence of the points, too: overlap in both directions, and points in space
+    /// that the other scan saw to be free.
+    pub verify_loops: bool,
+    /// Coarse alignment, where a prediction is too uncertain to begin registration at, and the judgement of loops. Its
+    /// `threads` are those of the service.
+    pub coarse: CoarseConfig,
     /// The graph.
     pub pose_graph: PoseGraphConfig,
 }
@@ -84,6 +91,8 @@ impl Default for GlobalConfig {
             correction_threshold_deg: 0.05,
             window_scans: 40,
             prepared_keyframes: 24,
+            verify_loops: true,
+            coarse: CoarseConfig::default(),
             pose_graph: PoseGraphConfig::default(),
         }
     }
@@ -111,6 +120,7 @@ impl GlobalConfig {
         ConfigError::check("global.correction_threshold_deg", self.correction_threshold_deg, 0.0, 180.0)?;
         ConfigError::check("global.window_scans", self.window_scans as f64, 2.0, 1e6)?;
         ConfigError::check("global.prepared_keyframes", self.prepared_keyframes as f64, 2.0, 1e4)?;
+        self.coarse.validate()?;
         self.pose_graph.validate()
     }
 }

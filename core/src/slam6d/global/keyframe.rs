@@ -61,9 +61,9 @@ impl Keyframe {
         Self { step_m, packed, footprint: Footprint::new(&points), range_m }
     }
 
-    /// The number of points.
-    pub fn points(&self) -> usize {
-        self.packed.len()
+    /// The points, unpacked.
+    pub fn points(&self) -> Vec<[f32; 3]> {
+        self.packed.iter().map(|point| unpack(*point, self.step_m)).collect()
     }
 
     /// Where the points lie, coarsely.
@@ -83,14 +83,7 @@ impl Keyframe {
 
     /// What registration works with, made anew from the packed points.
     pub fn prepare(&self, registration: &dyn Registration) -> Result<Box<dyn PreparedScan>, PrepareError> {
-        let points: Vec<Point> = self
-            .packed
-            .iter()
-            .map(|point| {
-                let [x, y, z] = unpack(*point, self.step_m);
-                Point::new(x, y, z)
-            })
-            .collect();
+        let points: Vec<Point> = self.points().into_iter().map(|[x, y, z]| Point::new(x, y, z)).collect();
         registration.prepare(ScanView::unordered(&points))
     }
 
@@ -195,8 +188,7 @@ mod tests {
     fn packing_twice_changes_nothing() {
         let points: Vec<[f32; 3]> = (0..50).map(|k| [0.37 * k as f32, -1.13 * k as f32, 0.01]).collect();
         let once = Keyframe::new(&points);
-        let back: Vec<[f32; 3]> = once.packed.iter().map(|p| unpack(*p, once.step_m)).collect();
-        assert_eq!(Keyframe::new(&back), once);
+        assert_eq!(Keyframe::new(&once.points()), once);
     }
 
     #[test]

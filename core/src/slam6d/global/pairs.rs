@@ -61,7 +61,7 @@ pub(super) struct Measuring<'a> {
     pub registration: &'a mut dyn Registration,
     pub ready: &'a mut Ready,
     pub verification: &'a mut Verification,
-    /// `target_from_map` rotation aside, which way is up for the source.
+    /// Says which way is up for the source.
     pub map_from_source: Pose,
 }
 
@@ -116,7 +116,7 @@ impl Measuring<'_> {
         if record.sigmas > allowed {
             return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed });
         }
-        if candidate.kind == PairKind::Loop {
+        if candidate.kind == PairKind::Loop && self.config.verify_loops {
             self.verification.verify(self.keyframes, candidate, &alignment.target_from_source)?;
         }
         let closes_loop = candidate.kind == PairKind::Loop;

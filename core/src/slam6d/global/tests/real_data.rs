@@ -1,18 +1,11 @@
-//! Loops closed and older scans corrected, on synthetic scenes and on real sequences.
+//! Recorded sequences.
 
 use std::time::{Duration, Instant};
 
+use super::drifting::method;
 use super::*;
-use crate::geometry::Pose;
 use crate::registration::test_scenes::{data, read_tum, read_xyz32};
-use crate::registration::{Registration, RegistrationConfig, Registry};
-use crate::scan::{Point, ScanView};
-use crate::slam6d::{SequentialConfig, trajectory_error};
-
-fn method(threads: usize) -> Box<dyn Registration> {
-    let config = RegistrationConfig { threads, ..RegistrationConfig::default() };
-    Registry::default().create("point_to_plane", &config).unwrap()
-}
+use crate::slam6d::trajectory_error;
 
 fn median(times: &mut [Duration]) -> (Duration, Duration) {
     times.sort();
@@ -26,7 +19,7 @@ fn the_handheld_sequence_is_relaxed() {
     let times = std::fs::read_to_string(path.join("times.txt")).unwrap();
     let files = times.lines().filter(|line| !line.starts_with('#')).filter_map(|line| line.split_whitespace().next());
     let scans: Vec<Vec<Point>> = files.map(|file| read_xyz32(&path.join(file))).collect();
-    let mut aligner = GlobalAligner::new(method(2), SequentialConfig::default(), GlobalConfig::default()).unwrap();
+    let mut aligner = aligner(method(2), &GlobalConfig::default());
     let (mut pair, mut correction, mut chain) = (Vec::new(), Vec::new(), Vec::new());
     let begin = Instant::now();
     for (k, scan) in scans.iter().enumerate() {
