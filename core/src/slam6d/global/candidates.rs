@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::keyframe::Keyframe;
 use super::positions::Positions;
 use super::uncertainty::{Uncertainty, largest_sigmas};
-use super::{GlobalConfig, PairKind};
+use super::{CorrectionMethod, GlobalConfig, PairKind};
 use crate::geometry::{Covariance, Pose};
 
 /// Most loop candidates whose overlap is predicted, the nearest.
@@ -93,7 +93,8 @@ impl Known<'_> {
         reachable.sort_by(|(a, x), (b, y)| a.total_cmp(b).then(x.target.cmp(&y.target)));
         let (overlaps, loops): (Vec<_>, Vec<_>) =
             reachable.into_iter().map(|(_, candidate)| candidate).partition(|c| c.kind == PairKind::Overlap);
-        let mut chosen = self.choose_overlaps(overlaps);
+        let is_graph = config.method == CorrectionMethod::PoseGraph;
+        let mut chosen = if is_graph { self.choose_overlaps(overlaps) } else { Vec::new() };
         chosen.extend(self.choose_loops(loops));
         (considered, chosen)
     }

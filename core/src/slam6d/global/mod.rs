@@ -13,6 +13,7 @@ mod keyframe;
 mod map;
 mod pairs;
 mod positions;
+mod proportional;
 mod record;
 mod relax;
 #[cfg(test)]

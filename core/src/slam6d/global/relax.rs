@@ -1,7 +1,8 @@
 //! From accepted pairs to corrected poses.
 
 use super::map::Map;
-use super::{GlobalConfig, Relaxation};
+use super::proportional::distribute;
+use super::{CorrectionMethod, GlobalConfig, Relaxation};
 use crate::geometry::{Pose, rotation_angle};
 use crate::slam6d::pose_graph::{Edge, EdgeKind, PoseGraph};
 
@@ -30,6 +31,9 @@ pub(super) fn solve(map: &Map, new: usize, config: &GlobalConfig) -> Result<Opti
     if !newest.iter().any(|edge| is_beyond_threshold(&disagreement(map, edge), config, 1.0)) {
         return Ok(None);
     }
+    if config.method == CorrectionMethod::Proportional {
+        return Ok(Some(spread(map, newest, config)));
+    }
     let tells_news = |edge: &Edge| {
         let error = crate::geometry::log(&disagreement(map, edge));
         edge.kind == EdgeKind::LoopClosure && error.dot(&(edge.information * error)) > NEWS_CHI2
@@ -40,6 +44,19 @@ pub(super) fn solve(map: &Map, new: usize, config: &GlobalConfig) -> Result<Opti
         map.poses.len().saturating_sub(config.window_scans).max(1)
     };
     solve_from(map, first_free, config).map(Some)
+}
+
+/// Closes the loops one after the other, the proportional way.
+fn spread(map: &Map, loops: &[Edge], config: &GlobalConfig) -> Solved {
+    let mut poses = map.poses.clone();
+    for edge in loops {
+        let map_from_last = poses[edge.from] * edge.from_from_to;
+        distribute(&mut poses, edge.from, edge.to, &map_from_last);
+    }
+    let free_nodes = loops.iter().map(|edge| poses.len() - 1 - edge.from).max().unwrap_or(0);
+    let iterations = loops.len() as u32;
+    let relaxation = Relaxation { free_nodes, chi2_before: 0.0, chi2_after: 0.0, iterations, converged: true };
+    Solved { relaxation, switched: Vec::new(), poses: moved(map, 0, &poses, config) }
 }
 
 /// How far the measurement is from the poses as known.
