@@ -317,6 +317,7 @@ impl GlobalAligner {
             nodes: self.map.poses.len(),
             edges: self.map.edges.len(),
             switched_off: self.map.switched_off(),
+            switched: self.map.switched(&entry.switched),
             relaxation,
             corrections,
             keyframe_bytes: self.map.keyframe_bytes,

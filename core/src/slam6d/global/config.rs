@@ -45,6 +45,9 @@ pub struct GlobalConfig {
     pub max_reach_m: f64,
     /// How many standard deviations a prediction may be off.
     pub gate_sigmas: f64,
+    /// How many standard deviations of prediction and measurement the pose found may be from the predicted one.
+    /// Covariances of registration are good to a factor of two or so, which is why it is wide.
+    pub accept_sigmas: f64,
     /// Loops are not looked for where the prediction's gate is wider than this [m].
     pub max_uncertainty_m: f64,
     /// A prediction that is off by no more than this is where registration may begin [m].
@@ -83,6 +86,7 @@ impl Default for GlobalConfig {
             reach: 1.0,
             max_reach_m: 40.0,
             gate_sigmas: 3.0,
+            accept_sigmas: 6.0,
             max_uncertainty_m: 20.0,
             basin_m: 1.0,
             basin_rotation: 0.15,
@@ -112,6 +116,7 @@ impl GlobalConfig {
         ConfigError::check("global.reach", self.reach, 0.0, 10.0)?;
         ConfigError::check("global.max_reach_m", self.max_reach_m, 0.0, 1e4)?;
         ConfigError::check("global.gate_sigmas", self.gate_sigmas, 0.0, 100.0)?;
+        ConfigError::check("global.accept_sigmas", self.accept_sigmas, 0.0, 1e6)?;
         ConfigError::check("global.max_uncertainty_m", self.max_uncertainty_m, 0.0, 1e4)?;
         ConfigError::check("global.basin_m", self.basin_m, 0.0, 100.0)?;
         ConfigError::check("global.basin_rotation", self.basin_rotation, 0.0, std::f64::consts::PI)?;

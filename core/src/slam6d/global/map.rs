@@ -6,7 +6,7 @@ use super::journal::{CorrectionEntry, MeasuredPair, ScanEntry};
 use super::keyframe::Keyframe;
 use super::positions::Positions;
 use super::uncertainty::Uncertainty;
-use super::{PoseCorrection, MapRestoreError};
+use super::{MapRestoreError, PoseCorrection, SwitchedLoop};
 use crate::geometry::{Covariance, Pose};
 use crate::slam6d::pose_graph::{Edge, EdgeError, EdgeKind};
 
@@ -164,6 +164,17 @@ impl Map {
     pub fn switched_off(&self) -> Vec<(u64, u64)> {
         let off = self.edges.iter().zip(&self.is_off).filter(|(_, off)| **off);
         off.map(|(edge, _)| (self.scan_ids[edge.from], self.scan_ids[edge.to])).collect()
+    }
+
+    /// Edges that changed their state, by the ids of target and source.
+    pub fn switched(&self, edges: &[(usize, bool)]) -> Vec<SwitchedLoop> {
+        let known = edges.iter().filter_map(|(edge, is_off)| Some((self.edges.get(*edge)?, *is_off)));
+        known
+            .map(|(edge, is_off)| {
+                let (target_id, source_id) = (self.scan_ids[edge.from], self.scan_ids[edge.to]);
+                SwitchedLoop { target_id, source_id, is_off }
+            })
+            .collect()
     }
 
     /// The memory held, the keyframes included [bytes].

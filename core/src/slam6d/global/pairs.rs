@@ -111,8 +111,7 @@ impl Measuring<'_> {
         self.acceptance(candidate.kind)
             .judge(&alignment, &start, &self.limits(candidate), true)
             .map_err(PairRejection::Registration)?;
-        // Covariances of registration are good to a factor of two or so, which the gate's width allows for.
-        let allowed = 2.0 * self.config.gate_sigmas;
+        let allowed = self.config.accept_sigmas;
         if record.sigmas > allowed {
             return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed });
         }

@@ -128,12 +128,25 @@ pub struct CorrectionRecord {
     pub edges: usize,
     /// Loop closures, by target and source, that are switched off since they contradict the rest.
     pub switched_off: Vec<(u64, u64)>,
+    /// Loop closures whose state changed just now.
+    pub switched: Vec<SwitchedLoop>,
     /// What was solved; `None` when every new pair agreed with the poses as they are.
     pub relaxation: Option<Relaxation>,
     /// The poses that were corrected, by the order of the scans.
     pub corrections: Vec<PoseCorrection>,
     /// Memory of all keyframes [bytes].
     pub keyframe_bytes: usize,
+}
+
+/// A loop closure that was switched off, or on again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SwitchedLoop {
+    /// The earlier scan.
+    pub target_id: u64,
+    /// The later scan.
+    pub source_id: u64,
+    /// It contradicts the rest and does not count any more.
+    pub is_off: bool,
 }
 
 /// How the poses were solved for.
