@@ -1,7 +1,9 @@
 //! Simultaneous localisation and mapping in six degrees of freedom: every scan's place in one map.
 //!
-//! This is the sequential part (section 3, steps 1 and 3): each scan is aligned to the last one that was accepted,
-//! judged, and either accepted or flagged. It takes in any [`crate::registration::Registration`].
+//! [`SequentialAligner`] is the sequential part (section 3, steps 1 and 3): each scan is aligned to the last one that was
+//! accepted, judged, and either accepted or flagged. [`global::GlobalAligner`] closes loops and corrects older scans
+//! (steps 4 and 5), by [`pose_graph`] or in proportion to the distance. Both take in any
+//! [`crate::registration::Registration`].
 
 mod acceptance;
 mod errors;

@@ -89,7 +89,8 @@ fn entries(mut content: &[u8]) -> Result<Vec<Journalled>, String> {
         let number = entries.len();
         let torn = || format!("entry {number} is torn");
         let (head, rest) = content.split_at_checked(HEAD).ok_or_else(torn)?;
-        let word = |at: usize| -> usize { u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize };
+        let word =
+            |at: usize| -> usize { u32::from_le_bytes([head[at], head[at + 1], head[at + 2], head[at + 3]]) as usize };
         if head[..4] != MARK {
             return Err(format!("entry {number} does not begin as one of this version"));
         }

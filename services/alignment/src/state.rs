@@ -127,10 +127,8 @@ impl Store {
             journal_bytes: self.journal.bytes(),
             messages: last.map(Vec::len),
         };
-        let head = serde_json::to_vec(&head).map_err(|e| CheckpointError::Invalid {
-            path: self.checkpoint.clone(),
-            reason: e.to_string(),
-        })?;
+        let head = serde_json::to_vec(&head)
+            .map_err(|e| CheckpointError::Invalid { path: self.checkpoint.clone(), reason: e.to_string() })?;
         let mut content = (head.len() as u32).to_le_bytes().to_vec();
         content.extend_from_slice(&head);
         last.iter().for_each(|message| content.extend_from_slice(message));

@@ -63,7 +63,9 @@ pub enum ConfigError {
         most: u64,
     },
     /// `acknowledge_after` names a topic that does not have one message a scan, or is empty.
-    #[error("recorder.acknowledge_after = {value:?}: name at least one of scan, alignment, loop_closing, scored_scan, view_plan")]
+    #[error(
+        "recorder.acknowledge_after = {value:?}: name at least one of scan, alignment, loop_closing, scored_scan, view_plan"
+    )]
     Acknowledge {
         /// Its value.
         value: Vec<String>,

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_ACCEPTED, AlignmentMeta, Header, Hypothesis, LoopClosingMeta, Point, PointScore, ScanId, ScanMeta, ScoredScanMeta,
-    ViewPlanMeta,
+    ALIGNMENT_ACCEPTED, AlignmentMeta, Header, Hypothesis, LoopClosingMeta, Point, PointScore, ScanId, ScanMeta,
+    ScoredScanMeta, ViewPlanMeta,
 };
 use mirador_ipc_schema::topics;
 

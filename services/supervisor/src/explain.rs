@@ -304,12 +304,20 @@ mod tests {
     #[test]
     fn every_loop_is_told_with_what_came_of_it() {
         let text = explained(Some(2));
-        assert!(text.contains("Older scans: 2 within reach, 2 pairs tried; 4 pairs of 3 scans in all, 1 loops"), "{text}");
+        assert!(
+            text.contains("Older scans: 2 within reach, 2 pairs tried; 4 pairs of 3 scans in all, 1 loops"),
+            "{text}"
+        );
         assert!(text.contains("loop with scan 0 from coarse alignment: known to 0.500 m"), "{text}");
         assert!(text.contains("12 iterations: accepted"), "{text}");
-        assert!(text.contains("overlap with scan 1 from the prediction") && text.contains(": overlap 0.10 is below 0.40"));
+        assert!(
+            text.contains("overlap with scan 1 from the prediction") && text.contains(": overlap 0.10 is below 0.40")
+        );
         assert!(text.contains("loop of scans 0 and 1: SWITCHED OFF"), "{text}");
-        assert!(text.contains("chi2 90.00 before, 4.50 after 3 iterations; 1 poses corrected by up to 100.0 mm"), "{text}");
+        assert!(
+            text.contains("chi2 90.00 before, 4.50 after 3 iterations; 1 poses corrected by up to 100.0 mm"),
+            "{text}"
+        );
     }
 
     #[test]

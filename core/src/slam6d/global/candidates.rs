@@ -68,9 +68,10 @@ impl Known<'_> {
             if distance - gate_m > reach || gate_m > config.max_uncertainty_m {
                 continue;
             }
-            let is_loop = source - target >= config.loop_scans;
-            let kind = if is_loop { PairKind::Loop } else { PairKind::Overlap };
             let needs_coarse = gate_m > config.basin_m || gate_rotation > config.basin_rotation;
+            // A pair whose prediction is uncertain may be false, however few scans lie between.
+            let is_loop = source - target >= config.loop_scans || needs_coarse;
+            let kind = if is_loop { PairKind::Loop } else { PairKind::Overlap };
             // Without a pose to predict the overlap at, the nearer is the likelier.
             let score = 0.5 * (1.0 - distance / (reach + gate_m).max(1e-9));
             reachable.push((
@@ -109,7 +110,7 @@ impl Known<'_> {
     fn choose_overlaps(&self, mut candidates: Vec<Candidate>) -> Vec<Candidate> {
         candidates.retain_mut(|candidate| {
             self.predict_overlap(candidate);
-            !candidate.needs_coarse && candidate.overlap >= self.config.min_predicted_overlap
+            candidate.overlap >= self.config.min_predicted_overlap
         });
         candidates.sort_by_key(|candidate| candidate.target);
         let (count, wanted) = (candidates.len(), self.config.overlaps_per_scan);
@@ -124,9 +125,8 @@ impl Known<'_> {
         candidates.truncate(MOST_PREDICTED);
         candidates.retain_mut(|candidate| {
             self.predict_overlap(candidate);
-            if !candidate.needs_coarse {
-                candidate.score = candidate.overlap;
-            }
+            candidate.score =
+                if candidate.needs_coarse { candidate.score.max(0.9 * candidate.overlap) } else { candidate.overlap };
             candidate.needs_coarse || candidate.overlap >= self.config.min_predicted_overlap
         });
         candidates.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.target.cmp(&b.target)));

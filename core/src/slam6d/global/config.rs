@@ -28,13 +28,13 @@ pub struct GlobalConfig {
     /// How the poses of older scans are corrected.
     pub method: CorrectionMethod,
     /// A pair of scans with at least so many scans from one to the other closes a loop; nearer ones overlap because
-    /// they follow one another.
+    /// they follow one another, unless their prediction lies outside the basin.
     pub loop_scans: usize,
     /// Most pairs with scans shortly before that are registered for a scan.
     pub overlaps_per_scan: usize,
     /// Most loop closures that are tried for a scan.
     pub loops_per_scan: usize,
-    /// Of these, most that need coarse alignment because the prediction is too uncertain.
+    /// Of these, most whose prediction lies outside the basin, so that they may need coarse alignment.
     pub coarse_per_scan: usize,
     /// Least share of a scan that, by the predicted poses, the other has seen too, to register the pair.
     pub min_predicted_overlap: f64,
@@ -50,7 +50,7 @@ pub struct GlobalConfig {
     pub accept_sigmas: f64,
     /// Loops are not looked for where the prediction's gate is wider than this [m].
     pub max_uncertainty_m: f64,
-    /// A prediction that is off by no more than this is where registration may begin [m].
+    /// The basin: a prediction that is off by no more than this is where registration may begin [m].
     pub basin_m: f64,
     /// The same for angles [rad].
     pub basin_rotation: f64,

@@ -25,4 +25,6 @@ pub use aligner::{GlobalAligner, Journalled, MapRestoreError};
 pub use config::{CorrectionMethod, GlobalConfig};
 pub use journal::{CorrectionEntry, JournalEntry, MeasuredPair, ScanEntry};
 pub use keyframe::KeyframeError;
-pub use record::{CorrectionRecord, PairKind, PairRecord, PairRejection, PairStart, PoseCorrection, Relaxation, SwitchedLoop};
+pub use record::{
+    CorrectionRecord, PairKind, PairRecord, PairRejection, PairStart, PoseCorrection, Relaxation, SwitchedLoop,
+};

@@ -76,7 +76,7 @@ impl Measuring<'_> {
             predicted_sigma_m: candidate.sigma_m,
             predicted_sigma_rotation: candidate.sigma_rotation,
             predicted_overlap: candidate.overlap,
-            start: if candidate.needs_coarse { PairStart::Coarse } else { PairStart::Prediction },
+            start: PairStart::Prediction,
             found: candidate.predicted,
             overlap: 0.0,
             residual_m: 0.0,
@@ -84,7 +84,12 @@ impl Measuring<'_> {
             sigmas: 0.0,
             rejected: None,
         };
-        match self.attempt(candidate, &mut record) {
+        let result = match self.attempt(candidate, candidate.predicted, &mut record) {
+            // Uncertainties are upper bounds: often the prediction is better than they say, and the search is spared.
+            Err(_) if candidate.needs_coarse => self.attempt_after_search(candidate, &mut record),
+            result => result,
+        };
+        match result {
             Ok(pair) => (record, Some(pair)),
             Err(rejection) => {
                 record.rejected = Some(rejection);
@@ -93,20 +98,30 @@ impl Measuring<'_> {
         }
     }
 
-    fn attempt(&mut self, candidate: &Candidate, record: &mut PairRecord) -> Result<MeasuredPair, PairRejection> {
+    fn attempt_after_search(
+        &mut self,
+        candidate: &Candidate,
+        record: &mut PairRecord,
+    ) -> Result<MeasuredPair, PairRejection> {
+        let up = self.map_from_source.rotation.inverse() * nalgebra::Vector3::z();
+        record.start = PairStart::Coarse;
+        let start = self.verification.search(self.keyframes, candidate, up)?;
+        self.attempt(candidate, start, record)
+    }
+
+    fn attempt(
+        &mut self,
+        candidate: &Candidate,
+        start: Pose,
+        record: &mut PairRecord,
+    ) -> Result<MeasuredPair, PairRejection> {
         let (target, source) = (candidate.target, candidate.source);
-        let start = if candidate.needs_coarse {
-            let up = self.map_from_source.rotation.inverse() * nalgebra::Vector3::z();
-            self.verification.search(self.keyframes, candidate, up)?
-        } else {
-            candidate.predicted
-        };
         record.found = start;
         let alignment = self.register(candidate, &start)?;
         record.found = alignment.target_from_source;
         record.overlap = alignment.overlap;
         record.residual_m = alignment.residual_rms_m;
-        record.iterations = alignment.iterations;
+        record.iterations += alignment.iterations;
         record.sigmas = distance_in_sigmas(candidate, &alignment);
         self.acceptance(candidate.kind)
             .judge(&alignment, &start, &self.limits(candidate), true)

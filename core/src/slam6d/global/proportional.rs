@@ -20,8 +20,7 @@ pub(super) fn distribute(poses: &mut [Pose], first: usize, last: usize, map_from
         travelled += (poses[k].translation.vector - place_before).norm();
         place_before = poses[k].translation.vector;
         // A loop on the spot has no distance to go by: every scan counts alike.
-        let share =
-            if whole > 0.0 { travelled / whole } else { (k - first) as f64 / (last - first) as f64 };
+        let share = if whole > 0.0 { travelled / whole } else { (k - first) as f64 / (last - first) as f64 };
         let none = UnitQuaternion::identity();
         // Half a turn leaves the way open; it is no error that a loop can have.
         let turned = none.try_slerp(&turn, share, 1e-12).unwrap_or(none);

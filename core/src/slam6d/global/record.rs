@@ -84,7 +84,7 @@ pub struct PairRecord {
     pub predicted_sigma_rotation: f64,
     /// The share of the source that the target should have seen, by the predicted poses.
     pub predicted_overlap: f64,
-    /// Where registration began.
+    /// Where registration began; an uncertain pair is tried from the prediction first.
     pub start: PairStart,
     /// `target_from_source` found; the predicted one where nothing was found.
     pub found: Pose,

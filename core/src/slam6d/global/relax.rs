@@ -4,7 +4,7 @@ use super::map::Map;
 use super::proportional::distribute;
 use super::{CorrectionMethod, GlobalConfig, Relaxation};
 use crate::geometry::{Pose, rotation_angle};
-use crate::slam6d::pose_graph::{Edge, EdgeKind, PoseGraph};
+use crate::slam6d::pose_graph::{Edge, EdgeKind, Optimisation, PoseGraph};
 
 /// A loop whose squared Mahalanobis distance at the poses as known is below this tells nothing new: one in a hundred
 /// true ones is above.
@@ -38,11 +38,8 @@ pub(super) fn solve(map: &Map, new: usize, config: &GlobalConfig) -> Result<Opti
         let error = crate::geometry::log(&disagreement(map, edge));
         edge.kind == EdgeKind::LoopClosure && error.dot(&(edge.information * error)) > NEWS_CHI2
     };
-    let first_free = if newest.iter().any(tells_news) {
-        1
-    } else {
-        map.poses.len().saturating_sub(config.window_scans).max(1)
-    };
+    let first_free =
+        if newest.iter().any(tells_news) { 1 } else { map.poses.len().saturating_sub(config.window_scans).max(1) };
     solve_from(map, first_free, config).map(Some)
 }
 
@@ -69,32 +66,65 @@ fn is_beyond_threshold(motion: &Pose, config: &GlobalConfig, share: f64) -> bool
         || rotation_angle(motion).to_degrees() > share * config.correction_threshold_deg
 }
 
-/// Solves for the poses from `first_free` on. The fixed ones become one node, the map itself: a pair with one of them
+/// The part of a map that is solved for. The fixed poses become one node, the map itself: a pair with one of them
 /// measures where in the map the other is.
-pub(super) fn solve_from(map: &Map, first_free: usize, config: &GlobalConfig) -> Result<Solved, String> {
-    let mut graph = PoseGraph::new(config.pose_graph).map_err(|e| e.to_string())?;
-    graph.add_node(Pose::identity());
-    for pose in &map.poses[first_free..] {
-        graph.add_node(*pose);
+struct Part {
+    graph: PoseGraph,
+    /// The map's edge of each edge of the graph.
+    edge_of: Vec<usize>,
+}
+
+impl Part {
+    /// The poses from `first_free` on, with the edges that `is_used` lets in.
+    fn new(
+        map: &Map,
+        first_free: usize,
+        config: &GlobalConfig,
+        is_used: impl Fn(usize) -> bool,
+    ) -> Result<Self, String> {
+        let mut graph = PoseGraph::new(config.pose_graph).map_err(|e| e.to_string())?;
+        graph.add_node(Pose::identity());
+        for pose in &map.poses[first_free..] {
+            graph.add_node(*pose);
+        }
+        let mut edge_of: Vec<usize> = Vec::new();
+        for index in map.edges_to[first_free..].iter().flatten().filter(|edge| is_used(**edge)) {
+            let edge = &map.edges[*index];
+            let to = edge.to - first_free + 1;
+            let shifted = match edge.from.checked_sub(first_free) {
+                Some(from) => Edge { from: from + 1, to, ..edge.clone() },
+                None => Edge { from: 0, to, from_from_to: map.poses[edge.from] * edge.from_from_to, ..edge.clone() },
+            };
+            graph.add_edge(shifted).map_err(|e| e.to_string())?;
+            edge_of.push(*index);
+        }
+        Ok(Self { graph, edge_of })
     }
-    let mut edge_of: Vec<usize> = Vec::new();
-    for index in map.edges_to[first_free..].iter().flatten() {
-        let edge = &map.edges[*index];
-        let to = edge.to - first_free + 1;
-        let shifted = match edge.from.checked_sub(first_free) {
-            Some(from) => Edge { from: from + 1, to, ..edge.clone() },
-            None => Edge { from: 0, to, from_from_to: map.poses[edge.from] * edge.from_from_to, ..edge.clone() },
-        };
-        graph.add_edge(shifted).map_err(|e| e.to_string())?;
-        edge_of.push(*index);
+
+    /// Solves it; the edges that are switched off come as the map's.
+    fn solve(&mut self) -> Result<(Optimisation, Vec<usize>), String> {
+        let optimisation = self.graph.optimise().map_err(|e| e.to_string())?;
+        let off = optimisation.switched_off.iter().filter_map(|edge| self.edge_of.get(*edge).copied()).collect();
+        Ok((optimisation, off))
     }
-    let optimisation = graph.optimise().map_err(|e| e.to_string())?;
-    let off: Vec<bool> = {
-        let mut off = vec![false; edge_of.len()];
-        optimisation.switched_off.iter().for_each(|k| off[*k] = true);
-        off
-    };
-    let switched = edge_of.iter().zip(&off).filter(|(edge, off)| map.is_off[**edge] != **off);
+}
+
+/// Solves for the poses from `first_free` on.
+fn solve_from(map: &Map, first_free: usize, config: &GlobalConfig) -> Result<Solved, String> {
+    let mut part = Part::new(map, first_free, config, |_| true)?;
+    let (mut optimisation, mut off) = part.solve()?;
+    let edges = part.edge_of.clone();
+    if optimisation.chi2 > optimisation.chi2_before || !optimisation.converged {
+        // False loops have led the solver to a place from which it did not come back when it had seen through them.
+        let false_loops = off.clone();
+        part = Part::new(map, first_free, config, |edge| !false_loops.contains(&edge))?;
+        let (again, more) = part.solve()?;
+        optimisation = again;
+        off.extend(more);
+        if optimisation.chi2 > optimisation.chi2_before {
+            return Err("the solver left the poses worse than they were".to_owned());
+        }
+    }
     let relaxation = Relaxation {
         free_nodes: map.poses.len() - first_free,
         chi2_before: optimisation.chi2_before,
@@ -102,10 +132,11 @@ pub(super) fn solve_from(map: &Map, first_free: usize, config: &GlobalConfig) ->
         iterations: optimisation.iterations,
         converged: optimisation.converged,
     };
+    let switched = edges.into_iter().map(|edge| (edge, off.contains(&edge))).filter(|(edge, off)| map.is_off[*edge] != *off);
     Ok(Solved {
         relaxation,
-        switched: switched.map(|(edge, off)| (*edge, *off)).collect(),
-        poses: moved(map, first_free, graph.poses().get(1..).unwrap_or_default(), config),
+        switched: switched.collect(),
+        poses: moved(map, first_free, part.graph.poses().get(1..).unwrap_or_default(), config),
     })
 }
 

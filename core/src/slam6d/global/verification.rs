@@ -13,6 +13,8 @@ use crate::registration::coarse::{CoarseAligner, CoarseScan, SearchRange, Verdic
 
 /// Scans reduced for coarse alignment that are kept, the last used first.
 const MOST_KEPT: usize = 24;
+/// The distance that a search covers at the most to every side [m]: beyond it takes too long.
+const MOST_TRANSLATION_M: f64 = 6.0;
 /// The angles that a search covers at the most [rad].
 const MOST_YAW: f64 = 0.8;
 const MOST_TILT: f64 = 0.1;
@@ -56,7 +58,7 @@ impl Verification {
         let gate_m = self.gate_sigmas * candidate.sigma_m;
         let gate_rotation = self.gate_sigmas * candidate.sigma_rotation;
         let range = SearchRange {
-            translation_m: gate_m,
+            translation_m: gate_m.min(MOST_TRANSLATION_M),
             height_m: gate_m.clamp(HEIGHT_M[0], HEIGHT_M[1]),
             yaw: gate_rotation.min(MOST_YAW),
             tilt: gate_rotation.min(MOST_TILT),

@@ -52,20 +52,33 @@ fn rmse(estimate: &[Pose], truth: &[Pose]) -> f64 {
     trajectory_error(estimate, truth).unwrap().ate_rmse_m
 }
 
+/// How far the last scan is from where it should be, seen from the first [m].
+fn end_error(estimate: &[Pose], truth: &[Pose]) -> f64 {
+    let last = |poses: &[Pose]| poses[0].inverse() * poses[poses.len() - 1];
+    (last(estimate).translation.vector - last(truth).translation.vector).norm()
+}
+
 #[test]
 fn both_methods_close_the_loop_and_take_the_drift_out() {
+    let (mut drift_in_all, mut proportional_in_all) = (0.0, 0.0);
     for seed in 1..=5 {
         let script = Arc::new(circle(seed));
-        let drifted = rmse(&chain(&script), &script.truth);
+        let chain = chain(&script);
+        let drifted = rmse(&chain, &script.truth);
         let (graph, records) = survey(&script, &config(CorrectionMethod::PoseGraph));
         let (proportional, _) = survey(&script, &config(CorrectionMethod::Proportional));
-        let (graph, proportional) = (rmse(&graph, &script.truth), rmse(&proportional, &script.truth));
-        println!("seed {seed}: chain {drifted:.3} m, graph {graph:.3} m, proportional {proportional:.3} m");
+        let errors = [&graph, &proportional].map(|poses| rmse(poses, &script.truth));
+        println!("seed {seed}: chain {drifted:.3} m, graph and proportional {errors:.3?} m");
         let closed = records.iter().flat_map(|r| &r.pairs).filter(|p| p.kind == PairKind::Loop && p.rejected.is_none());
         assert!(closed.count() > 5);
-        assert!(graph < 0.5 * drifted && proportional < 0.9 * drifted);
+        assert!(errors[0] < 0.2 * drifted);
         assert!(records.iter().all(|r| r.switched_off.is_empty()), "no true loop is switched off");
+        // Where the loop closes the error is gone; half way around the proportional share is only a guess.
+        assert!(end_error(&proportional, &script.truth) < 0.5);
+        drift_in_all += drifted;
+        proportional_in_all += errors[1];
     }
+    assert!(proportional_in_all < 0.85 * drift_in_all, "{proportional_in_all} {drift_in_all}");
 }
 
 #[test]
@@ -109,16 +122,19 @@ fn false_loops_are_rejected_or_switched_off() {
                 ..config(CorrectionMethod::PoseGraph)
             };
             let (found, records) = survey(&script, &config);
-            let is_false = |pair: &&PairRecord| {
-                script.alike.contains_key(&(pair.target_id as usize, pair.source_id as usize))
-            };
+            let is_false =
+                |pair: &&PairRecord| script.alike.contains_key(&(pair.target_id as usize, pair.source_id as usize));
             let pairs = || records.iter().flat_map(|record| &record.pairs);
             let tried = pairs().filter(is_false).count();
             let accepted = pairs().filter(is_false).filter(|pair| pair.rejected.is_none());
             let accepted: Vec<(u64, u64)> = accepted.map(|pair| (pair.target_id, pair.source_id)).collect();
             let off = &records.last().unwrap().switched_off;
             let (error, true_error) = (rmse(&found, &script.truth), rmse(&chain(&script), &script.truth));
-            println!("seed {seed}, gate {accept_sigmas}: {tried} tried, {} accepted, {} off, {error:.3} m of {true_error:.3}", accepted.len(), off.len());
+            println!(
+                "seed {seed}, gate {accept_sigmas}: {tried} tried, {} accepted, {} off, {error:.3} m of {true_error:.3}",
+                accepted.len(),
+                off.len()
+            );
             assert!(accepted.iter().all(|pair| off.contains(pair)), "{accepted:?} {off:?}");
             assert!(error < 0.6 * true_error);
             assert!(tried > 0, "the test shows nothing");
