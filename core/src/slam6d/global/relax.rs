@@ -132,7 +132,8 @@ fn solve_from(map: &Map, first_free: usize, config: &GlobalConfig) -> Result<Sol
         iterations: optimisation.iterations,
         converged: optimisation.converged,
     };
-    let switched = edges.into_iter().map(|edge| (edge, off.contains(&edge))).filter(|(edge, off)| map.is_off[*edge] != *off);
+    let switched =
+        edges.into_iter().map(|edge| (edge, off.contains(&edge))).filter(|(edge, off)| map.is_off[*edge] != *off);
     Ok(Solved {
         relaxation,
         switched: switched.collect(),
