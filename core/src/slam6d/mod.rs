@@ -1,21 +1,25 @@
 //! Simultaneous localisation and mapping in six degrees of freedom: every scan's place in one map.
 //!
-//! [`SequentialAligner`] is the sequential part (section 3, steps 1 and 3): each scan is aligned to the last one that was
-//! accepted, judged, and either accepted or flagged. [`global::GlobalAligner`] closes loops and corrects older scans
-//! (steps 4 and 5), by [`pose_graph`] or in proportion to the distance. Both take in any
+//! [`SequentialAligner`] is the sequential part (section 3, steps 1 and 3): it aligns each scan to the last one that was
+//! accepted, judges the result, and accepts or flags it. [`global::GlobalAligner`] closes loops and corrects older scans
+//! (steps 4 and 5). What closed loops correct is spread by the [`pose_graph`], the default, or in proportion to distance
+//! ([`distribute`]); [`relaxation`] fits all scans to each other at once. All take in any
 //! [`crate::registration::Registration`].
 
 mod acceptance;
+mod distribution;
 mod errors;
 pub mod global;
 pub mod pose_graph;
 mod record;
+pub mod relaxation;
 mod sequential;
 mod state;
 #[cfg(test)]
 mod tests;
 
 pub use acceptance::{AcceptanceConfig, Rejection};
+pub use distribution::{distribute, shares};
 pub use errors::{TrajectoryError, trajectory_error};
 pub use record::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
 pub use sequential::{RestoreError, SequentialAligner, SequentialConfig};

@@ -13,7 +13,6 @@ mod keyframe;
 mod map;
 mod pairs;
 mod positions;
-mod proportional;
 mod record;
 mod relax;
 #[cfg(test)]

@@ -1,9 +1,9 @@
 //! From accepted pairs to corrected poses.
 
 use super::map::Map;
-use super::proportional::distribute;
 use super::{CorrectionMethod, GlobalConfig, Relaxation};
 use crate::geometry::{Pose, rotation_angle};
+use crate::slam6d::distribute;
 use crate::slam6d::pose_graph::{Edge, EdgeKind, Optimisation, PoseGraph};
 
 /// A loop whose squared Mahalanobis distance at the poses as known is below this tells nothing new: one in a hundred
@@ -43,12 +43,18 @@ pub(super) fn solve(map: &Map, new: usize, config: &GlobalConfig) -> Result<Opti
     solve_from(map, first_free, config).map(Some)
 }
 
-/// Closes the loops one after the other, the proportional way.
+/// Closes the loops one after the other, the proportional way: scans up to the loop's first stay, those behind its last
+/// move along with that.
 fn spread(map: &Map, loops: &[Edge], config: &GlobalConfig) -> Solved {
     let mut poses = map.poses.clone();
     for edge in loops {
-        let map_from_last = poses[edge.from] * edge.from_from_to;
-        distribute(&mut poses, edge.from, edge.to, &map_from_last);
+        let (before, after) = (poses[edge.to], poses[edge.from] * edge.from_from_to);
+        distribute(&mut poses[edge.from..=edge.to], &after);
+        let moved = after * before.inverse();
+        for pose in &mut poses[edge.to + 1..] {
+            *pose = moved * *pose;
+            pose.rotation.renormalize();
+        }
     }
     let free_nodes = loops.iter().map(|edge| poses.len() - 1 - edge.from).max().unwrap_or(0);
     let iterations = loops.len() as u32;

@@ -2,7 +2,7 @@
 
 /// The connected parts of a graph (disjoint sets, Tarjan 1975); each is named by its first node.
 #[derive(Default)]
-pub(super) struct Components {
+pub(in crate::slam6d) struct Components {
     parents: Vec<usize>,
 }
 

@@ -7,6 +7,9 @@ use super::{Edge, PoseGraph};
 use crate::geometry::{Covariance, Pose};
 use nalgebra::Matrix6;
 
+/// A direction with this variance [m^2] or [rad^2] is not measured: rounding alone keeps it from being infinite.
+const OPEN: f64 = 1e8;
+
 /// Why a covariance cannot be given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum CovarianceError {
@@ -61,7 +64,7 @@ impl PoseGraph {
         let (mut x, mut y) = (a, b);
         let (mut chain_a, mut chain_b) = (Covariance::zeros(), Covariance::zeros());
         let anchored = |node: &mut usize, chain: &mut Covariance, end: usize| {
-            let edge = self.anchors[*node].and_then(|edge| self.edges.get(edge)).ok_or(open)?;
+            let edge = self.edges_by_later[*node].first().and_then(|edge| self.edges.get(*edge)).ok_or(open)?;
             *chain += self.chained(edge, *node, end).ok_or(open)?;
             *node = edge.from.min(edge.to);
             Ok(())
@@ -79,7 +82,7 @@ impl PoseGraph {
         let b_from_a = adjoint(&(self.poses[b].inverse() * self.poses[a]));
         let covariance =
             b_from_y * between * b_from_y.transpose() + chain_b + b_from_a * chain_a * b_from_a.transpose();
-        if covariance.iter().all(|value| value.is_finite()) {
+        if covariance.diagonal().iter().all(|variance| *variance < OPEN) {
             Ok((covariance + covariance.transpose()) * 0.5)
         } else {
             Err(open)

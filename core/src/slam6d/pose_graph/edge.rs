@@ -59,7 +59,7 @@ impl Edge {
     }
 
     /// Passes an edge between two of `nodes` nodes that makes sense.
-    pub(super) fn check(&self, nodes: usize) -> Result<(), EdgeError> {
+    pub(crate) fn check(&self, nodes: usize) -> Result<(), EdgeError> {
         let (from, to) = (self.from, self.to);
         if let Some(node) = [from, to].into_iter().find(|node| *node >= nodes) {
             return Err(EdgeError::UnknownNode { node, nodes });

@@ -59,7 +59,7 @@ impl Problem<'_> {
 
     /// Iterates until the steps are below the tolerances.
     pub fn minimise(&mut self, workspace: &mut Workspace, config: &PoseGraphConfig, walk: &mut Walk) {
-        walk.converged = workspace.trial.is_empty();
+        walk.converged |= workspace.trial.is_empty();
         while !walk.converged && walk.iterations < config.max_iterations {
             self.step(workspace, config, walk);
         }
@@ -93,7 +93,7 @@ impl Problem<'_> {
     }
 
     /// Builds the normal equations and returns the weighted sum of squares.
-    fn linearise(&self, workspace: &mut Workspace) -> f64 {
+    pub(super) fn linearise(&self, workspace: &mut Workspace) -> f64 {
         let Workspace { solver, edge_indices, .. } = workspace;
         solver.clear();
         let mut cost = 0.0;

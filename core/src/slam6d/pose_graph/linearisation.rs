@@ -10,7 +10,7 @@ use super::Edge;
 use crate::geometry::{Pose, Twist};
 
 /// The normal equations of one edge: its share of H and of the gradient.
-pub(super) struct Terms {
+pub(in crate::slam6d) struct Terms {
     pub from_from: Matrix6<f64>,
     pub from_to: Matrix6<f64>,
     pub to_to: Matrix6<f64>,
@@ -40,15 +40,23 @@ pub(super) fn linearise(edge: &Edge, from: &Pose, to: &Pose, weight: f64) -> Ter
     let to_to = weighted * jacobian * weight;
     let whitened = edge.information * e;
     let gradient_to = jacobian.tr_mul(&whitened) * weight;
-    let adjoint = adjoint(&from_from_to.inverse());
-    let from_to = -adjoint.tr_mul(&to_to);
-    Terms {
-        from_from: -(from_to * adjoint),
-        from_to,
-        to_to,
-        gradient_from: -adjoint.tr_mul(&gradient_to),
-        gradient_to,
-        chi2: e.dot(&whitened),
+    Terms { chi2: e.dot(&whitened), ..Terms::of_motion(&from_from_to, to_to, gradient_to) }
+}
+
+impl Terms {
+    /// The terms of both poses from those of a perturbation of the motion between them on its right: a perturbation of
+    /// `to` is one of the motion, and one of `from` is the same as -Ad(to_from_from) times it.
+    pub fn of_motion(from_from_to: &Pose, to_to: Matrix6<f64>, gradient_to: Vector6<f64>) -> Self {
+        let adjoint = adjoint(&from_from_to.inverse());
+        let from_to = -adjoint.tr_mul(&to_to);
+        Self {
+            from_from: -(from_to * adjoint),
+            from_to,
+            to_to,
+            gradient_from: -adjoint.tr_mul(&gradient_to),
+            gradient_to,
+            chi2: 0.0,
+        }
     }
 }
 

@@ -30,11 +30,19 @@ pub use covariance::CovarianceError;
 pub use edge::{Edge, EdgeError, EdgeKind};
 pub use incremental::Update;
 
+/// The sparse solver, for other problems whose unknowns are poses.
+pub(super) mod solver {
+    pub(in crate::slam6d) use super::components::Components;
+    pub(in crate::slam6d) use super::linearisation::Terms;
+    pub(in crate::slam6d) use super::sparse_solver::SparseSolver;
+    pub(in crate::slam6d) use super::structure::{OutOfMemory, SIZE, Structure};
+}
+
 use components::Components;
-use levenberg::{Problem, Workspace};
+use levenberg::{Problem, Walk, Workspace};
 use structure::{OutOfMemory, Structure};
 
-use crate::geometry::{Pose, rotation_angle};
+use crate::geometry::Pose;
 use crate::registration::ConfigError;
 
 /// Poses and the motions measured between them.
@@ -45,8 +53,8 @@ pub struct PoseGraph {
     /// How much each edge counts, from 0 (switched off) to 1.
     weights: Vec<f64>,
     components: Components,
-    /// For each node the first edge that joins it to an earlier one.
-    anchors: Vec<Option<usize>>,
+    /// For each node the edges that join it to earlier ones.
+    edges_by_later: Vec<Vec<usize>>,
     /// The equations of the whole graph, as of the last full optimisation.
     solved: Option<Solved>,
     /// The first edge that no optimisation has seen.
@@ -56,9 +64,8 @@ pub struct PoseGraph {
 /// The whole graph's equations.
 struct Solved {
     workspace: Workspace,
-    /// The nodes and edges there were.
+    /// The nodes there were.
     nodes: usize,
-    edges: usize,
     /// The factor is that of the equations at the optimum.
     is_exact: bool,
 }
@@ -116,7 +123,7 @@ impl PoseGraph {
             edges: Vec::new(),
             weights: Vec::new(),
             components: Components::default(),
-            anchors: Vec::new(),
+            edges_by_later: Vec::new(),
             solved: None,
             first_new_edge: 0,
         })
@@ -125,7 +132,7 @@ impl PoseGraph {
     /// Adds a pose where it is believed to be and returns its index. Node 0 is held fixed. Takes constant time.
     pub fn add_node(&mut self, map_from_node: Pose) -> usize {
         self.poses.push(map_from_node);
-        self.anchors.push(None);
+        self.edges_by_later.push(Vec::new());
         self.components.add();
         self.poses.len() - 1
     }
@@ -137,7 +144,7 @@ impl PoseGraph {
     pub fn add_edge(&mut self, edge: Edge) -> Result<usize, EdgeError> {
         edge.check(self.poses.len())?;
         self.components.join(edge.from, edge.to);
-        self.anchors[edge.from.max(edge.to)].get_or_insert(self.edges.len());
+        self.edges_by_later[edge.from.max(edge.to)].push(self.edges.len());
         self.edges.push(edge);
         self.weights.push(1.0);
         Ok(self.edges.len() - 1)
@@ -177,8 +184,7 @@ impl PoseGraph {
     /// The sum of e^T Omega e over the edges that are not switched off.
     #[must_use]
     pub fn chi2(&self) -> f64 {
-        let used = self.edges.iter().zip(&self.weights).filter(|(_, weight)| **weight > robust::OFF);
-        used.map(|(edge, _)| linearisation::chi2(edge, &self.poses[edge.from], &self.poses[edge.to])).sum()
+        self.chi2_of(&self.poses)
     }
 
     /// Moves all poses to where they fit all measurements best.
@@ -190,54 +196,103 @@ impl PoseGraph {
         if !self.edges.iter().zip(0..).all(|(_, edge)| self.edge_chi2(edge).is_some_and(f64::is_finite)) {
             return Err(OptimiseError::NotFinite { edges: self.edges.len() });
         }
-        let mut solved = match self.solved.take() {
-            Some(solved) if solved.nodes == self.poses.len() && solved.edges == self.edges.len() => solved,
-            _ => self.analyse().map_err(|OutOfMemory| self.out_of_memory())?,
+        let weights = self.weights.clone();
+        let mut walk = Walk::default();
+        match self.settle(&mut walk) {
+            Ok(mut solved) => {
+                solved.is_exact = self.problem().factorise_at_optimum(&mut solved.workspace);
+                self.solved = Some(solved);
+                self.first_new_edge = self.edges.len();
+                Ok(self.report(&before, &walk))
+            }
+            Err(OutOfMemory) => {
+                (self.poses, self.weights) = (before, weights);
+                Err(self.out_of_memory())
+            }
+        }
+    }
+
+    /// Moves the poses to the optimum and decides which loop closures count.
+    fn settle(&mut self, walk: &mut Walk) -> Result<Solved, OutOfMemory> {
+        let config = self.config;
+        let mut solved = match self.solved.take().filter(|solved| self.is_pattern_of(solved)) {
+            Some(solved) => solved,
+            None => self.analyse()?,
         };
-        let mut problem = Problem { edges: &self.edges, poses: &mut self.poses, weights: &mut self.weights };
-        let walk = robust::optimise(&mut problem, &mut solved.workspace, &self.config);
-        solved.is_exact = problem.factorise_at_optimum(&mut solved.workspace);
-        self.solved = Some(solved);
-        self.first_new_edge = self.edges.len();
-        Ok(self.report(&before, 0, &walk))
+        let most = if config.robust { robust::FIRST_ITERATIONS } else { u32::MAX };
+        let first = PoseGraphConfig { max_iterations: config.max_iterations.min(most), ..config };
+        for config in [&first, &config] {
+            self.problem().minimise(&mut solved.workspace, config, walk);
+            if self.config.robust && robust::is_contradicted(&self.problem(), config.closure_gate) {
+                return self.settle_anew(walk);
+            }
+        }
+        Ok(solved)
+    }
+
+    /// Decides from scratch which loop closures count, as their weights so far contradict their residuals.
+    fn settle_anew(&mut self, walk: &mut Walk) -> Result<Solved, OutOfMemory> {
+        let config = self.config;
+        self.weights.fill(1.0);
+        let mut solved = self.analyse()?;
+        robust::graduate(&mut self.problem(), &mut solved.workspace, &config, walk);
+        for _ in 0..robust::MOST_CORRECTIONS {
+            robust::decide(&mut self.problem(), config.closure_gate);
+            // Without the edges that are switched off, which would fill the factor with zeros.
+            solved = self.analyse()?;
+            walk.converged = false;
+            self.problem().minimise(&mut solved.workspace, &config, walk);
+            if !robust::is_contradicted(&self.problem(), config.closure_gate) {
+                break;
+            }
+        }
+        Ok(solved)
+    }
+
+    fn problem(&mut self) -> Problem<'_> {
+        Problem { edges: &self.edges, poses: &mut self.poses, weights: &mut self.weights }
+    }
+
+    /// The edges that are not switched off.
+    fn used_edges(&self) -> impl Iterator<Item = usize> + Clone {
+        (0..self.edges.len()).filter(|edge| self.weights[*edge] > robust::OFF)
+    }
+
+    /// Whether the equations are still those of all nodes and of the edges that are not switched off.
+    fn is_pattern_of(&self, solved: &Solved) -> bool {
+        solved.nodes == self.poses.len() && solved.workspace.edge_indices.iter().copied().eq(self.used_edges())
     }
 
     /// The equations of the whole graph.
     fn analyse(&self) -> Result<Solved, OutOfMemory> {
         let is_free: Vec<bool> = (0..self.poses.len()).map(|node| self.components.first_of(node) != node).collect();
-        let structure = Structure::new(self.edges.iter().map(|edge| (edge.from, edge.to)), &is_free)?;
-        let workspace = Workspace::new(structure, (0..self.edges.len()).collect())?;
-        Ok(Solved { workspace, nodes: self.poses.len(), edges: self.edges.len(), is_exact: false })
+        let ends = self.used_edges().map(|edge| (self.edges[edge].from, self.edges[edge].to));
+        let workspace = Workspace::new(Structure::new(ends, &is_free)?, self.used_edges().collect())?;
+        Ok(Solved { workspace, nodes: self.poses.len(), is_exact: false })
     }
 
     fn out_of_memory(&self) -> OptimiseError {
         OptimiseError::OutOfMemory { nodes: self.poses.len(), edges: self.edges.len() }
     }
 
-    /// The report on an optimisation that began at `before`, the poses from `first` on.
-    fn report(&self, before: &[Pose], first: usize, walk: &levenberg::Walk) -> Optimisation {
-        let (mut largest_translation_m, mut largest_rotation) = (0.0_f64, 0.0_f64);
-        for (before, after) in before.iter().zip(&self.poses[first..]) {
-            let moved = before.inverse() * after;
-            largest_translation_m = largest_translation_m.max(moved.translation.vector.norm());
-            largest_rotation = largest_rotation.max(rotation_angle(&moved));
-        }
+    /// The report on an optimisation that began at `before`.
+    fn report(&self, before: &[Pose], walk: &Walk) -> Optimisation {
+        let (largest_translation_m, largest_rotation) = incremental::largest_motion(before, &self.poses);
         Optimisation {
-            chi2_before: self.chi2_of(before, first),
+            chi2_before: self.chi2_of(before),
             chi2: self.chi2(),
             iterations: walk.iterations,
             converged: walk.converged,
             switched_off: self.switched_off(),
             largest_translation_m,
             largest_rotation,
-            first_node: first.max(1),
+            first_node: 1,
         }
     }
 
-    /// [`Self::chi2`] with other poses from `first` on.
-    fn chi2_of(&self, poses: &[Pose], first: usize) -> f64 {
-        let pose = |node: usize| node.checked_sub(first).and_then(|k| poses.get(k)).unwrap_or(&self.poses[node]);
-        let used = self.edges.iter().zip(&self.weights).filter(|(_, weight)| **weight > robust::OFF);
-        used.map(|(edge, _)| linearisation::chi2(edge, pose(edge.from), pose(edge.to))).sum()
+    /// [`Self::chi2`] at other poses.
+    fn chi2_of(&self, poses: &[Pose]) -> f64 {
+        let chi2 = |edge: &Edge| linearisation::chi2(edge, &poses[edge.from], &poses[edge.to]);
+        self.used_edges().map(|edge| chi2(&self.edges[edge])).sum()
     }
 }

@@ -13,61 +13,44 @@ pub(super) const OFF: f64 = 1e-3;
 const SHARPENING: f64 = 1.4;
 /// Enough to sharpen from residuals a million times the gate.
 const MOST_SHARPENINGS: u32 = 100;
+/// Steps after which the weights are questioned: with false closures it would take long to converge and lead nowhere.
+pub(super) const FIRST_ITERATIONS: u32 = 12;
 /// How often the final weights may be corrected.
-const MOST_CORRECTIONS: u32 = 10;
-
-/// Optimises all edges of the workspace, the robust ones with weights of 0 or 1.
-pub(super) fn optimise(problem: &mut Problem<'_>, workspace: &mut Workspace, config: &PoseGraphConfig) -> Walk {
-    let mut walk = Walk::default();
-    problem.minimise(workspace, config, &mut walk);
-    if !config.robust || correct(problem, workspace, config.closure_gate, false) == 0 {
-        return walk;
-    }
-    // The weights contradict the residuals: begin anew with every loop closure counting.
-    for edge in &workspace.edge_indices {
-        problem.weights[*edge] = 1.0;
-    }
-    problem.minimise(workspace, config, &mut walk);
-    graduate(problem, workspace, config, &mut walk);
-    for _ in 0..MOST_CORRECTIONS {
-        problem.minimise(workspace, config, &mut walk);
-        if correct(problem, workspace, config.closure_gate, true) == 0 {
-            break;
-        }
-    }
-    walk
-}
+pub(super) const MOST_CORRECTIONS: u32 = 10;
 
 /// The indices of the robust edges.
-fn closures<'a>(problem: &Problem<'a>, workspace: &'a Workspace) -> impl Iterator<Item = usize> + use<'a> {
-    let edges = problem.edges;
-    workspace.edge_indices.iter().copied().filter(|edge| edges[*edge].kind == EdgeKind::LoopClosure)
+fn closures<'a>(problem: &Problem<'a>) -> impl Iterator<Item = usize> + use<'a> {
+    problem.edges.iter().enumerate().filter(|(_, edge)| edge.kind == EdgeKind::LoopClosure).map(|(index, _)| index)
 }
 
-/// Counts the loop closures whose weight is not what their residual says, and corrects them if asked to.
-fn correct(problem: &mut Problem<'_>, workspace: &Workspace, gate: f64, write: bool) -> usize {
-    let mut wrong = 0;
-    for edge in closures(problem, workspace) {
-        let weight = if problem.chi2(edge) <= gate { 1.0 } else { 0.0 };
-        wrong += usize::from(weight != problem.weights[edge]);
-        if write {
-            problem.weights[edge] = weight;
-        }
+/// Whether the weight of a loop closure is not what its residual says.
+pub(super) fn is_contradicted(problem: &Problem<'_>, gate: f64) -> bool {
+    closures(problem).any(|edge| (problem.chi2(edge) <= gate) != (problem.weights[edge] == 1.0))
+}
+
+/// Gives each loop closure the weight that its residual says: 1 within the gate, else 0.
+pub(super) fn decide(problem: &mut Problem<'_>, gate: f64) {
+    for edge in closures(problem) {
+        problem.weights[edge] = if problem.chi2(edge) <= gate { 1.0 } else { 0.0 };
     }
-    wrong
 }
 
 /// Sharpens the surrogate from convex to truncated least squares, with one step of the poses at each sharpness.
-fn graduate(problem: &mut Problem<'_>, workspace: &mut Workspace, config: &PoseGraphConfig, walk: &mut Walk) {
+pub(super) fn graduate(
+    problem: &mut Problem<'_>,
+    workspace: &mut Workspace,
+    config: &PoseGraphConfig,
+    walk: &mut Walk,
+) {
     let gate = config.closure_gate;
-    let worst = closures(problem, workspace).map(|edge| problem.chi2(edge)).fold(0.0, f64::max);
+    let worst = closures(problem).map(|edge| problem.chi2(edge)).fold(0.0, f64::max);
     if worst <= gate {
         return;
     }
     let mut sharpness = gate / (2.0 * worst - gate);
     for _ in 0..MOST_SHARPENINGS {
         let mut undecided = 0;
-        for edge in closures(problem, workspace) {
+        for edge in closures(problem) {
             let weight = weight(problem.chi2(edge), gate, sharpness);
             undecided += usize::from(weight > 0.0 && weight < 1.0);
             problem.weights[edge] = weight;

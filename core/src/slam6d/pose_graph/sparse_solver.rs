@@ -11,7 +11,7 @@ use super::linearisation::Terms;
 use super::structure::{OutOfMemory, SIZE, Structure, allocate};
 
 /// The numbers that belong to a [`Structure`]; they are reused from iteration to iteration and from call to call.
-pub(super) struct SparseSolver {
+pub(in crate::slam6d) struct SparseSolver {
     pub structure: Structure,
     /// The lower triangle of H.
     pub values: Vec<f64>,
@@ -72,7 +72,7 @@ impl SparseSolver {
     }
 
     /// Factorises H + damping diag(H).
-    fn factorise(&mut self, damping: f64) -> bool {
+    pub(super) fn factorise(&mut self, damping: f64) -> bool {
         let structure = &self.structure;
         self.damped.copy_from_slice(&self.values);
         if damping > 0.0 {

@@ -10,16 +10,16 @@ use nalgebra::{Matrix6, Vector6};
 use super::linearisation::Terms;
 
 /// A node that is held where it is.
-pub(super) const HELD: usize = usize::MAX;
+pub(in crate::slam6d) const HELD: usize = usize::MAX;
 /// The unknowns of a node.
-pub(super) const SIZE: usize = 6;
+pub(in crate::slam6d) const SIZE: usize = 6;
 
 /// Why the pattern could not be analysed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct OutOfMemory;
+pub(in crate::slam6d) struct OutOfMemory;
 
 /// The pattern of H, lower triangle, in the order of elimination.
-pub(super) struct Structure {
+pub(in crate::slam6d) struct Structure {
     /// The place of each node in the order of elimination, or [`HELD`].
     pub place: Vec<usize>,
     /// The nodes in the order of elimination.
@@ -191,6 +191,6 @@ fn analyse(
 }
 
 /// Working memory for faer.
-pub(super) fn allocate(request: StackReq) -> Result<MemBuffer, OutOfMemory> {
+pub(in crate::slam6d) fn allocate(request: StackReq) -> Result<MemBuffer, OutOfMemory> {
     MemBuffer::try_new(request).map_err(|_| OutOfMemory)
 }

@@ -60,7 +60,7 @@ fn end_error(estimate: &[Pose], truth: &[Pose]) -> f64 {
 
 #[test]
 fn both_methods_close_the_loop_and_take_the_drift_out() {
-    let (mut drift_in_all, mut proportional_in_all) = (0.0, 0.0);
+    let (mut chain_sum, mut proportional_sum, mut chain_end_sum, mut end_sum) = (0.0, 0.0, 0.0, 0.0);
     for seed in 1..=5 {
         let script = Arc::new(circle(seed));
         let chain = chain(&script);
@@ -73,12 +73,14 @@ fn both_methods_close_the_loop_and_take_the_drift_out() {
         assert!(closed.count() > 5);
         assert!(errors[0] < 0.2 * drifted);
         assert!(records.iter().all(|r| r.switched_off.is_empty()), "no true loop is switched off");
-        // Where the loop closes the error is gone; half way around the proportional share is only a guess.
-        assert!(end_error(&proportional, &script.truth) < 0.5);
-        drift_in_all += drifted;
-        proportional_in_all += errors[1];
+        chain_sum += drifted;
+        proportional_sum += errors[1];
+        chain_end_sum += end_error(&chain, &script.truth);
+        end_sum += end_error(&proportional, &script.truth);
     }
-    assert!(proportional_in_all < 0.85 * drift_in_all, "{proportional_in_all} {drift_in_all}");
+    println!("in all: chain {chain_sum:.3} m, proportional {proportional_sum:.3} m; ends {chain_end_sum:.3}, {end_sum:.3} m");
+    // Where the loop closes the error is gone; half way around the proportional share is only a guess.
+    assert!(proportional_sum < 0.85 * chain_sum && end_sum < 0.5 * chain_end_sum);
 }
 
 #[test]
@@ -136,7 +138,8 @@ fn false_loops_are_rejected_or_switched_off() {
                 off.len()
             );
             assert!(accepted.iter().all(|pair| off.contains(pair)), "{accepted:?} {off:?}");
-            assert!(error < 0.6 * true_error);
+            // Without the gate true loops may go with the false ones, but nothing gets worse than without loops.
+            assert!(error < if accept_sigmas < 10.0 { 0.4 * true_error } else { true_error });
             assert!(tried > 0, "the test shows nothing");
             assert!(accept_sigmas < 10.0 || !accepted.is_empty(), "the graph has nothing to find out");
         }
