@@ -249,6 +249,9 @@ impl<'a> Alignment<'a> {
         if record.is_none() && self.aligner.is_correction_due() {
             return Ok(());
         }
+        if let Some(reason) = record.as_ref().and_then(|r| r.unsolved.as_deref()) {
+            tracing::warn!(reason, "older scans could not be corrected");
+        }
         if let Some(record) = record.as_ref().filter(|r| self.waiting.iter().all(|w| w.id != r.scan_id)) {
             // There was no time for it before a restart; what comes of it is told all the same.
             let late = self.waiting.front().map(|first| Waiting { id: record.scan_id, ..*first });

@@ -296,10 +296,10 @@ impl GlobalAligner {
 
     /// Solves for the poses with the pairs found.
     fn finish(&mut self, work: Work) -> CorrectionRecord {
-        let solved = match relax::solve(&self.map, work.accepted.len(), &self.config) {
-            Ok(solved) => solved,
-            // A graph that cannot be solved leaves the poses as they were; the pairs stay for the next time.
-            Err(_) => None,
+        // A graph that cannot be solved leaves the poses as they were; the pairs stay for the next time.
+        let (solved, unsolved) = match relax::solve(&self.map, work.accepted.len(), &self.config) {
+            Ok(solved) => (solved, None),
+            Err(reason) => (None, Some(reason)),
         };
         let (relaxation, poses, switched) =
             solved.map_or((None, Vec::new(), Vec::new()), |s| (Some(s.relaxation), s.poses, s.switched));
@@ -318,6 +318,7 @@ impl GlobalAligner {
             switched_off: self.map.switched_off(),
             switched: self.map.switched(&entry.switched),
             relaxation,
+            unsolved,
             corrections,
             keyframe_bytes: self.map.keyframe_bytes,
         };

@@ -132,6 +132,8 @@ pub struct CorrectionRecord {
     pub switched: Vec<SwitchedLoop>,
     /// What was solved; `None` when every new pair agreed with the poses as they are.
     pub relaxation: Option<Relaxation>,
+    /// Why the graph could not be solved, if it could not; the poses are as before then.
+    pub unsolved: Option<String>,
     /// The poses that were corrected, by the order of the scans.
     pub corrections: Vec<PoseCorrection>,
     /// Memory of all keyframes [bytes].

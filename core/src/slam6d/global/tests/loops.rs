@@ -78,7 +78,9 @@ fn both_methods_close_the_loop_and_take_the_drift_out() {
         chain_end_sum += end_error(&chain, &script.truth);
         end_sum += end_error(&proportional, &script.truth);
     }
-    println!("in all: chain {chain_sum:.3} m, proportional {proportional_sum:.3} m; ends {chain_end_sum:.3}, {end_sum:.3} m");
+    println!(
+        "in all: chain {chain_sum:.3} m, proportional {proportional_sum:.3} m; ends {chain_end_sum:.3}, {end_sum:.3} m"
+    );
     // Where the loop closes the error is gone; half way around the proportional share is only a guess.
     assert!(proportional_sum < 0.85 * chain_sum && end_sum < 0.5 * chain_end_sum);
 }
@@ -138,8 +140,7 @@ fn false_loops_are_rejected_or_switched_off() {
                 off.len()
             );
             assert!(accepted.iter().all(|pair| off.contains(pair)), "{accepted:?} {off:?}");
-            // Without the gate true loops may go with the false ones, but nothing gets worse than without loops.
-            assert!(error < if accept_sigmas < 10.0 { 0.4 * true_error } else { true_error });
+            assert!(error < 0.4 * true_error);
             assert!(tried > 0, "the test shows nothing");
             assert!(accept_sigmas < 10.0 || !accepted.is_empty(), "the graph has nothing to find out");
         }
