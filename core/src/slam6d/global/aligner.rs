@@ -355,7 +355,7 @@ impl GlobalAligner {
                 self.pending.extend(self.map.node_of(record.scan_id));
                 self.limit_pending();
             }
-            self.note(JournalEntry::Scan(entry), bytes);
+            self.note(JournalEntry::Scan(Box::new(entry)), bytes);
         }
     }
 

@@ -12,7 +12,7 @@ use crate::geometry::{Covariance, Pose};
 #[serde(rename_all = "snake_case")]
 pub enum JournalEntry {
     /// A scan was aligned, or not.
-    Scan(ScanEntry),
+    Scan(Box<ScanEntry>),
     /// What followed an accepted scan: pairs with earlier ones, and the poses that were corrected.
     Correction(CorrectionEntry),
 }

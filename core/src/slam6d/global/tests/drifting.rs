@@ -65,7 +65,7 @@ impl Registration for Drifting {
         if target.is_original && source.is_original {
             self.pairs += 1;
             // More one way than the other, as the errors of a few dozen pairs are.
-            let sign = if self.pairs % 3 == 0 { -1.0 } else { 1.0 };
+            let sign = if self.pairs.is_multiple_of(3) { -1.0 } else { 1.0 };
             alignment.target_from_source *= exp(&(self.error * sign));
             alignment.covariance += Covariance::from_diagonal(&self.error.component_mul(&self.error));
         }

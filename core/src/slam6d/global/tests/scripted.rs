@@ -62,7 +62,7 @@ impl Script {
 
     /// Three normal numbers for positions, three for angles, the same for the same pair.
     fn noise(&self, target: usize, source: usize) -> Twist {
-        let mut state = self.seed ^ ((target as u64) << 32 | source as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let mut state = self.seed ^ (((target as u64) << 32) | (source as u64 + 1)).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let mut uniform = || {
             state ^= state << 13;
             state ^= state >> 7;
