@@ -176,9 +176,13 @@ topics! {
     /// The pose of a scan.
     Alignment = "alignment" from "alignment": AlignmentMeta [Hypothesis; Fixed(16)],
         pub 1 sub 8 buffer 8 borrowed 2 history 1 loaned 1 WAIT;
+    /// Which older scans alignment registered the scan with, and what came of it. Before `pose_corrections`, so that a
+    /// recorder that has this has them.
+    LoopClosing = "loop_closing" from "alignment": LoopClosingMeta [ScanPair; Fixed(64)],
+        pub 1 sub 6 buffer 8 borrowed 2 history 1 loaned 1 WAIT;
     /// Corrected poses of older scans.
     PoseCorrections = "pose_corrections" from "alignment": Envelope [PoseCorrection; Fixed(1024)],
-        pub 1 sub 6 buffer 4 borrowed 2 history 1 loaned 1 WAIT;
+        pub 1 sub 6 buffer 4 borrowed 2 history 4 loaned 1 WAIT;
     /// Work for a foreign registration.
     RegistrationRequest = "registration_request" from "": RegistrationRequestMeta [KeyframePoint; Keyframes],
         pub 1 sub 2 buffer 2 borrowed 2 history 0 loaned 1 WAIT;

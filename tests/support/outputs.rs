@@ -6,10 +6,10 @@ use std::path::Path;
 
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_ipc_schema::messages::{
-    AlignmentMeta, CandidateView, Header, Hypothesis, MapMeta, MapTile, PathMeta, PointScore, ScanMeta, ScoredScanMeta,
-    ViewPlanMeta, Waypoint,
+    AlignmentMeta, CandidateView, Header, Hypothesis, LoopClosingMeta, MapMeta, MapTile, PathMeta, PointScore,
+    ScanMeta, ScanPair, ScoredScanMeta, ViewPlanMeta, Waypoint,
 };
-use mirador_ipc_schema::topics;
+use mirador_ipc_schema::{ScanId, topics};
 use mirador_recorder::{RUN_FILE, RunReader};
 use serde_json::Value;
 
@@ -75,6 +75,7 @@ pub struct Decisions {
     pub scan: Vec<u8>,
     pub alignment: Vec<u8>,
     pub hypotheses: Vec<u8>,
+    pub loops: Vec<u8>,
     pub scored: Vec<u8>,
     pub scores: Vec<u8>,
     pub plan: Vec<u8>,
@@ -96,15 +97,25 @@ pub fn decisions(out: &Path) -> BTreeMap<u32, Decisions> {
 fn decisions_about(reader: &mut RunReader, number: u32) -> Decisions {
     let (mut points, mut hypotheses): (Vec<_>, Vec<Hypothesis>) = (Vec::new(), Vec::new());
     let (mut scores, mut candidates): (Vec<PointScore>, Vec<CandidateView>) = (Vec::new(), Vec::new());
+    let mut pairs: Vec<ScanPair> = Vec::new();
     let (mut waypoints, mut tiles): (Vec<Waypoint>, Vec<MapTile>) = (Vec::new(), Vec::new());
     let scan = reader.read_about::<topics::Scan>(number, &mut points).unwrap().expect("the scan");
     let alignment = reader.read_about::<topics::Alignment>(number, &mut hypotheses).unwrap().expect("its alignment");
+    let loops =
+        reader.read_about::<topics::LoopClosing>(number, &mut pairs).unwrap().expect("what came of older scans");
     let scored = reader.read_about::<topics::ScoredScan>(number, &mut scores).unwrap().expect("its scores");
     let plan = reader.read_about::<topics::ViewPlan>(number, &mut candidates).unwrap().expect("its plan");
     let path = reader.read_about::<topics::Path>(number, &mut waypoints).unwrap().expect("its path");
     let map = reader.read_about::<topics::InformationMap>(number, &mut tiles).unwrap().unwrap_or_default();
     let scan = ScanMeta { header: timeless(&scan.header), ..scan };
     let alignment = AlignmentMeta { header: timeless(&alignment.header), prepare_ns: 0, align_ns: 0, ..alignment };
+    let loops = LoopClosingMeta { header: timeless(&loops.header), correction_ns: 0, ..loops };
+    for pair in &mut pairs {
+        // The ids hold the number of the run.
+        for id in [&mut pair.target_id, &mut pair.source_id] {
+            *id = ScanId::unpack(*id).scan.into();
+        }
+    }
     let scored = ScoredScanMeta {
         header: timeless(&scored.header),
         scan_sent_ns: 0,
@@ -120,6 +131,7 @@ fn decisions_about(reader: &mut RunReader, number: u32) -> Decisions {
         scan: [bytemuck::bytes_of(&scan), bytemuck::cast_slice(&points)].concat(),
         alignment: bytemuck::bytes_of(&alignment).to_vec(),
         hypotheses: bytemuck::cast_slice(&hypotheses).to_vec(),
+        loops: [bytemuck::bytes_of(&loops), bytemuck::cast_slice(&pairs)].concat(),
         scored: bytemuck::bytes_of(&scored).to_vec(),
         scores: bytemuck::cast_slice(&scores).to_vec(),
         plan: bytemuck::bytes_of(&plan).to_vec(),
@@ -148,6 +160,7 @@ pub fn assert_same_bits(a: &Path, b: &Path) {
             ("scan", &a.scan, &b.scan),
             ("alignment", &a.alignment, &b.alignment),
             ("hypotheses", &a.hypotheses, &b.hypotheses),
+            ("loop_closing", &a.loops, &b.loops),
             ("scored_scan", &a.scored, &b.scored),
             ("scores", &a.scores, &b.scores),
             ("view_plan", &a.plan, &b.plan),

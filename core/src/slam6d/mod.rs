@@ -1,13 +1,15 @@
 //! Simultaneous localisation and mapping in six degrees of freedom: every scan's place in one map.
 //!
-//! The sequential part (section 3, steps 1 and 3) aligns each scan to the last one that was accepted, judges the result,
-//! and accepts or flags it; it takes in any [`crate::registration::Registration`]. What closed loops correct is spread
-//! by the [`pose_graph`], the default, or in proportion to distance ([`distribute`], step 4); [`relaxation`] fits all
-//! scans to each other at once (step 5).
+//! [`SequentialAligner`] is the sequential part (section 3, steps 1 and 3): it aligns each scan to the last one that was
+//! accepted, judges the result, and accepts or flags it. [`global::GlobalAligner`] closes loops and corrects older scans
+//! (steps 4 and 5). What closed loops correct is spread by the [`pose_graph`], the default, or in proportion to distance
+//! ([`distribute`]); [`relaxation`] fits all scans to each other at once. All take in any
+//! [`crate::registration::Registration`].
 
 mod acceptance;
 mod distribution;
 mod errors;
+pub mod global;
 pub mod pose_graph;
 mod record;
 pub mod relaxation;
@@ -21,4 +23,4 @@ pub use distribution::{distribute, shares};
 pub use errors::{TrajectoryError, trajectory_error};
 pub use record::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
 pub use sequential::{RestoreError, SequentialAligner, SequentialConfig};
-pub use state::{AlignerState, TargetState, TrajectoryEntry};
+pub use state::{AlignerState, TargetState};

@@ -86,6 +86,92 @@ message! {
     }
 }
 
+/// A pair was accepted.
+pub const PAIR_ACCEPTED: u32 = 0;
+/// A pair was tried and rejected; `reason` says why.
+pub const PAIR_REJECTED: u32 = 1;
+/// A loop accepted earlier is switched off from now on, since it contradicts the rest.
+pub const PAIR_SWITCHED_OFF: u32 = 2;
+/// A loop that was switched off counts again.
+pub const PAIR_SWITCHED_ON: u32 = 3;
+/// The scans overlap because they were taken shortly after one another.
+pub const PAIR_OVERLAP: u32 = 0;
+/// The robot was here before.
+pub const PAIR_LOOP: u32 = 1;
+
+message! {
+    /// What alignment did about older scans after this one; the items are the pairs that were tried, in order, then the
+    /// loops that were switched. Sent once for every scan, after the `pose_corrections` that come of it, if any.
+    pub struct LoopClosingMeta: "mirador/LoopClosingMeta/1", size 128 {
+        /// Names the scan.
+        pub header: Header,
+        /// Weighted squared error of the pairs before the poses were solved for.
+        pub chi2_before: f64,
+        /// And after.
+        pub chi2_after: f64,
+        /// Memory of all keyframes [bytes].
+        pub keyframe_bytes: u64,
+        /// Time the whole took [ns].
+        pub correction_ns: u64,
+        /// The largest shift of a corrected pose [m].
+        pub largest_shift_m: f64,
+        /// The largest turn of a corrected pose [rad].
+        pub largest_turn: f64,
+        /// Earlier scans within reach that do not directly precede the scan.
+        pub candidates: u32,
+        /// Accepted scans so far.
+        pub nodes: u32,
+        /// Accepted pairs so far, the sequential ones included.
+        pub edges: u32,
+        /// Loops that are switched off.
+        pub switched_off: u32,
+        /// Scans whose poses were solved for; 0 when every new pair agreed with the poses as they are.
+        pub free_nodes: u32,
+        /// Linearisations.
+        pub iterations: u32,
+        /// Poses corrected: items of the `pose_corrections` of this scan.
+        pub corrections: u32,
+        /// 1 when the solution converged.
+        pub converged: u32,
+    }
+}
+
+message! {
+    /// A pair of scans that was tried, or switched.
+    pub struct ScanPair: "mirador/ScanPair/1", size 512 {
+        /// Id of the earlier scan, see `ScanId`.
+        pub target_id: u64,
+        /// Id of the later scan.
+        pub source_id: u64,
+        /// target_from_source by the poses before, row-major 4x4.
+        pub predicted: [f64; 16],
+        /// target_from_source that was found, row-major 4x4.
+        pub found: [f64; 16],
+        /// Largest standard deviation of the predicted position [m].
+        pub predicted_sigma_m: f64,
+        /// Largest standard deviation of the predicted angles [rad].
+        pub predicted_sigma_rotation: f64,
+        /// Share of the source that the target should have seen, in [0, 1].
+        pub predicted_overlap: f64,
+        /// Share of the source's points with a partner, in [0, 1].
+        pub overlap: f64,
+        /// Root mean square residual [m].
+        pub residual_m: f64,
+        /// Distance of what was found from what was predicted [standard deviations].
+        pub sigmas: f64,
+        /// Iterations.
+        pub iterations: u32,
+        /// One of `PAIR_OVERLAP`, `PAIR_LOOP`.
+        pub kind: u32,
+        /// One of `PAIR_ACCEPTED`, `PAIR_REJECTED`, `PAIR_SWITCHED_OFF`, `PAIR_SWITCHED_ON`.
+        pub status: u32,
+        /// 1 when registration began at what coarse alignment had found.
+        pub is_coarse: u32,
+        /// Why it was not accepted; empty when it was.
+        pub reason: [u8; 176],
+    }
+}
+
 message! {
     /// Asks a foreign process to register two keyframes; the items are the target's points, then the source's.
     pub struct RegistrationRequestMeta: "mirador/RegistrationRequestMeta/1", size 232 {

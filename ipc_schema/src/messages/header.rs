@@ -100,6 +100,7 @@ metas!(
     super::LaserSweepMeta,
     super::PlanarScanMeta,
     super::AlignmentMeta,
+    super::LoopClosingMeta,
     super::RegistrationRequestMeta,
     super::ScoredScanMeta,
     super::MapMeta,

@@ -16,8 +16,9 @@ use crate::layout::message;
 use iceoryx2::prelude::ZeroCopySend;
 
 pub use alignment::{
-    ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Hypothesis, KeyframePoint, PoseCorrection,
-    RegistrationRequestMeta, RegistrationResult,
+    ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Hypothesis, KeyframePoint, LoopClosingMeta,
+    PAIR_ACCEPTED, PAIR_LOOP, PAIR_OVERLAP, PAIR_REJECTED, PAIR_SWITCHED_OFF, PAIR_SWITCHED_ON, PoseCorrection,
+    RegistrationRequestMeta, RegistrationResult, ScanPair,
 };
 pub use analysis::{
     MAP_TILE_CELLS, MAP_TILE_SIDE, MapCell, MapMeta, MapTile, PointScore, ScoredScanMeta, ZONE_MERGED, Zone,

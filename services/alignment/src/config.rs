@@ -2,6 +2,7 @@
 
 use mirador_core::registration::{ConfigError, RegistrationConfig, Registry, RegistryError};
 use mirador_core::slam6d::SequentialConfig;
+use mirador_core::slam6d::global::GlobalConfig;
 use serde::{Deserialize, Serialize};
 
 /// How scans are aligned.
@@ -10,18 +11,28 @@ use serde::{Deserialize, Serialize};
 pub struct AlignmentConfig {
     /// Name of the registration method.
     pub registration: String,
+    /// Older scans are corrected after the plan of the newest, which then has the cores to itself. Switched off in a
+    /// graph without planning.
+    pub correct_after_plan: bool,
+    /// They are corrected without it when the plan has not come after this time [ms].
+    pub plan_patience_ms: u32,
     /// Settings of the method. Its `threads` are those of the service.
     pub method: RegistrationConfig,
     /// Which target, how far from the guess, and what is accepted.
     pub sequential: SequentialConfig,
+    /// Loop closing and the correction of older scans.
+    pub global: GlobalConfig,
 }
 
 impl Default for AlignmentConfig {
     fn default() -> Self {
         Self {
             registration: "gicp".into(),
+            correct_after_plan: true,
+            plan_patience_ms: 1000,
             method: RegistrationConfig::default(),
             sequential: SequentialConfig::default(),
+            global: GlobalConfig::default(),
         }
     }
 }
@@ -32,8 +43,10 @@ impl AlignmentConfig {
     /// # Errors
     /// Names the first value that is wrong, and what would be right.
     pub fn validate(&self) -> Result<(), ConfigError> {
+        ConfigError::check("plan_patience_ms", f64::from(self.plan_patience_ms), 0.0, 60_000.0)?;
         self.method.validate()?;
-        self.sequential.validate()
+        self.sequential.validate()?;
+        self.global.validate()
     }
 
     /// Checks the name of the method.

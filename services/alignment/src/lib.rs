@@ -1,11 +1,15 @@
 //! The process that finds the pose of every scan.
 //!
-//! It keeps one reduced keyframe, publishes each pose with the record of how it was found, and writes down after every
-//! scan what it needs to go on after a restart.
+//! It publishes each pose with the record of how it was found; then, while nobody waits for it, it closes loops and
+//! publishes the poses of older scans that change. It keeps one packed keyframe a scan, and writes down after every scan
+//! what it needs to go on after a restart.
 
 mod config;
+mod journal;
 mod messages;
+mod restart;
 mod service;
+mod state;
 
 pub use config::AlignmentConfig;
 pub use service::run;

@@ -1,9 +1,13 @@
 //! Alignment records as messages.
 
-use mirador_core::geometry::rows_from_pose;
+use mirador_core::geometry::{rotation_angle, rows_from_pose};
+use mirador_core::slam6d::global::{self, CorrectionRecord, PairKind, PairRecord, PairStart};
 use mirador_core::slam6d::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
+use mirador_ipc_schema::layout::Record;
 use mirador_ipc_schema::messages::{
-    self, ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Header,
+    self, ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Header, LoopClosingMeta,
+    PAIR_ACCEPTED, PAIR_LOOP, PAIR_OVERLAP, PAIR_REJECTED, PAIR_SWITCHED_OFF, PAIR_SWITCHED_ON, PoseCorrection,
+    ScanPair,
 };
 use mirador_ipc_schema::{ScanId, text};
 use nalgebra::Matrix6;
@@ -14,8 +18,10 @@ pub(crate) struct Facts {
     pub header: Header,
     /// Points of the reduced keyframe.
     pub keyframe_points: usize,
-    /// Bytes the service keeps for it.
+    /// Bytes the service keeps of it.
     pub keyframe_bytes: usize,
+    /// Time the preparation of the scan took [ns].
+    pub prepare_ns: u64,
     /// Time the registration took [ns].
     pub align_ns: u64,
 }
@@ -34,7 +40,7 @@ pub(crate) fn meta(record: &AlignmentRecord, facts: &Facts) -> AlignmentMeta {
         prior: record.prior.as_ref().map_or([0.0; 16], rows_from_pose),
         overlap: record.overlap,
         residual_m: record.residual_m,
-        prepare_ns: 0,
+        prepare_ns: facts.prepare_ns,
         align_ns: facts.align_ns,
         status,
         target_scan: record.target_id.map_or(u32::MAX, |id| ScanId::unpack(id).scan),
@@ -62,17 +68,84 @@ pub(crate) fn hypothesis(hypothesis: &Hypothesis) -> messages::Hypothesis {
     }
 }
 
+/// The meta part of what was done about older scans; `None` is for a scan of which nothing can come.
+pub(crate) fn loop_closing(record: Option<&CorrectionRecord>, header: Header, correction_ns: u64) -> LoopClosingMeta {
+    let Some(record) = record else { return LoopClosingMeta { header, correction_ns, ..LoopClosingMeta::default() } };
+    let moves = || record.corrections.iter().map(|c| c.before.inverse() * c.after);
+    let relaxation = record.relaxation;
+    LoopClosingMeta {
+        header,
+        chi2_before: relaxation.map_or(0.0, |r| r.chi2_before),
+        chi2_after: relaxation.map_or(0.0, |r| r.chi2_after),
+        keyframe_bytes: record.keyframe_bytes as u64,
+        correction_ns,
+        largest_shift_m: moves().map(|m| m.translation.vector.norm()).fold(0.0, f64::max),
+        largest_turn: moves().map(|m| rotation_angle(&m)).fold(0.0, f64::max),
+        candidates: record.candidates as u32,
+        nodes: record.nodes as u32,
+        edges: record.edges as u32,
+        switched_off: record.switched_off.len() as u32,
+        free_nodes: relaxation.map_or(0, |r| r.free_nodes as u32),
+        iterations: relaxation.map_or(0, |r| r.iterations),
+        corrections: record.corrections.len() as u32,
+        converged: relaxation.map_or(0, |r| u32::from(r.converged)),
+    }
+}
+
+/// The pairs of a record, then the loops that were switched.
+pub(crate) fn pairs(record: &CorrectionRecord) -> Vec<ScanPair> {
+    let switched = record.switched.iter().map(|loop_| ScanPair {
+        target_id: loop_.target_id,
+        source_id: loop_.source_id,
+        kind: PAIR_LOOP,
+        status: if loop_.is_off { PAIR_SWITCHED_OFF } else { PAIR_SWITCHED_ON },
+        ..ScanPair::default()
+    });
+    record.pairs.iter().map(pair).chain(switched).collect()
+}
+
+fn pair(record: &PairRecord) -> ScanPair {
+    ScanPair {
+        target_id: record.target_id,
+        source_id: record.source_id,
+        predicted: rows_from_pose(&record.predicted),
+        found: rows_from_pose(&record.found),
+        predicted_sigma_m: record.predicted_sigma_m,
+        predicted_sigma_rotation: record.predicted_sigma_rotation,
+        predicted_overlap: record.predicted_overlap,
+        overlap: record.overlap,
+        residual_m: record.residual_m,
+        sigmas: record.sigmas,
+        iterations: record.iterations,
+        kind: if record.kind == PairKind::Loop { PAIR_LOOP } else { PAIR_OVERLAP },
+        status: if record.rejected.is_some() { PAIR_REJECTED } else { PAIR_ACCEPTED },
+        is_coarse: u32::from(record.start == PairStart::Coarse),
+        reason: text::pack(&record.rejected.as_ref().map_or_else(String::new, ToString::to_string)),
+    }
+}
+
+/// A corrected pose.
+pub(crate) fn correction(correction: &global::PoseCorrection) -> PoseCorrection {
+    PoseCorrection {
+        id: correction.scan_id,
+        map_from_scanner: rows_from_pose(&correction.after),
+        covariance: rows_from_matrix(&correction.covariance),
+    }
+}
+
 /// A message as bytes: its meta part, then its items.
-pub(crate) fn to_bytes(meta: &AlignmentMeta, items: &[messages::Hypothesis]) -> Vec<u8> {
+pub(crate) fn to_bytes<M: Record, I: Record>(meta: &M, items: &[I]) -> Vec<u8> {
     [bytemuck::bytes_of(meta), bytemuck::cast_slice(items)].concat()
 }
 
 /// The message of [`to_bytes`]; `None` when these are not its bytes.
-pub(crate) fn from_bytes(bytes: &[u8]) -> Option<(AlignmentMeta, Vec<messages::Hypothesis>)> {
-    let (meta, items) = bytes.split_at_checked(size_of::<AlignmentMeta>())?;
-    let (items, rest) = items.as_chunks::<{ size_of::<messages::Hypothesis>() }>();
-    let items = items.iter().map(|item| bytemuck::pod_read_unaligned(item)).collect();
-    rest.is_empty().then(|| (bytemuck::pod_read_unaligned(meta), items))
+pub(crate) fn from_bytes<M: Record, I: Record>(bytes: &[u8]) -> Option<(M, Vec<I>)> {
+    let (meta, items) = bytes.split_at_checked(size_of::<M>())?;
+    if !items.len().is_multiple_of(size_of::<I>()) {
+        return None;
+    }
+    let items = items.chunks_exact(size_of::<I>()).map(bytemuck::pod_read_unaligned).collect();
+    Some((bytemuck::pod_read_unaligned(meta), items))
 }
 
 fn rows_from_matrix(matrix: &Matrix6<f64>) -> [f64; 36] {
@@ -99,8 +172,9 @@ mod tests {
         let items = [messages::Hypothesis { residual_m: 1e-300, ..messages::Hypothesis::default() }; 2];
         let bytes = to_bytes(&meta, &items);
         assert_eq!(from_bytes(&bytes), Some((meta, items.to_vec())));
-        assert_eq!(from_bytes(&to_bytes(&meta, &[])), Some((meta, Vec::new())));
-        assert_eq!(from_bytes(&bytes[..bytes.len() - 1]), None);
-        assert_eq!(from_bytes(&[]), None);
+        let none: [messages::Hypothesis; 0] = [];
+        assert_eq!(from_bytes(&to_bytes(&meta, &none)), Some((meta, none.to_vec())));
+        assert_eq!(from_bytes::<AlignmentMeta, messages::Hypothesis>(&bytes[..bytes.len() - 1]), None);
+        assert_eq!(from_bytes::<AlignmentMeta, messages::Hypothesis>(&[]), None);
     }
 }

@@ -1,34 +1,23 @@
-//! The loop: a scan comes, its pose goes out.
+//! The loop: a scan comes, its pose goes out; when its plan is out, older scans are corrected.
 
-use std::collections::BTreeMap;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, pose_from_rows};
-use mirador_core::registration::{RegistrationConfig, Registry};
-use mirador_core::slam6d::{AlignerState, SequentialAligner};
+use mirador_core::registration::Registry;
+use mirador_core::slam6d::global::{CorrectionRecord, GlobalAligner, Journalled};
 use mirador_ipc_schema::messages::{
-    AlignmentMeta, Envelope, Header, Hypothesis, SCAN_HAS_PRIOR, ScanId, ScanRequest, ScanRequestKind,
+    AlignmentMeta, Envelope, Header, Hypothesis, LoopClosingMeta, PoseCorrection, SCAN_HAS_PRIOR, ScanId, ScanPair,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, clock, topics};
-use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place, nanoseconds, view};
-use serde::{Deserialize, Serialize};
+use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, Topic, Wakeable, clock, topics};
+use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
 
 use crate::AlignmentConfig;
 use crate::messages::{self, Facts};
-
-/// How long a restarted service waits for its target scan before it goes on without.
-const TARGET_TIMEOUT: Duration = Duration::from_secs(20);
-
-/// What is written down after every scan.
-#[derive(Debug, Default, Serialize, Deserialize)]
-struct Checkpoint {
-    finished_scans: u32,
-    aligner: AlignerState,
-    /// The message about the last scan, see [`messages::to_bytes`]. Readers that were not there when it was sent get it
-    /// from the topic's history, which dies with this process.
-    last: Vec<u8>,
-}
+use crate::restart::make_aligner;
+use crate::state::{LastMessages, Progress, Store, Waiting};
 
 /// Aligns every scan of the run until the process is stopped.
 ///
@@ -44,59 +33,133 @@ pub fn run(setup: &ServiceSetup, config: &AlignmentConfig, registry: &Registry) 
         alignment.health.finished(&participant, alignment.finished_scans, Duration::ZERO);
     }
     while !setup.stop.is_set() {
-        participant.wait(&[&alignment.scans], HEARTBEAT);
+        alignment.wait(&participant);
         alignment.receive_priors()?;
-        while let Some(scan) = alignment.scans.receive()? {
+        while let Some(scan) = alignment.next_scan()? {
             // The prior was sent before the scan, so it is there.
             alignment.receive_priors()?;
             alignment.align(&participant, &scan)?;
         }
-        alignment.poses.serve_late_joiners();
+        alignment.receive_plans()?;
+        alignment.correct(&participant)?;
+        alignment.outbox.serve_late_joiners();
         alignment.health.heartbeat(&participant);
     }
     Ok(())
 }
 
+struct Outbox {
+    poses: Publisher<topics::Alignment>,
+    corrections: Publisher<topics::PoseCorrections>,
+    loops: Publisher<topics::LoopClosing>,
+}
+
+impl Outbox {
+    fn serve_late_joiners(&self) {
+        self.poses.serve_late_joiners();
+        self.corrections.serve_late_joiners();
+        self.loops.serve_late_joiners();
+    }
+
+    /// Says again what an earlier incarnation said last.
+    fn repeat(&self, last: &LastMessages) -> Result<(), ServiceError> {
+        if let Some((meta, items)) = messages::from_bytes::<AlignmentMeta, Hypothesis>(&last.alignment) {
+            send(&self.poses, meta, &items)?;
+        }
+        if let Some((meta, items)) = messages::from_bytes::<Envelope, PoseCorrection>(&last.corrections) {
+            self.send_corrections(meta, &items)?;
+        }
+        if let Some((meta, items)) = messages::from_bytes::<LoopClosingMeta, ScanPair>(&last.loop_closing) {
+            send(&self.loops, meta, &items)?;
+        }
+        Ok(())
+    }
+
+    /// In as many messages as they need.
+    fn send_corrections(&self, meta: Envelope, items: &[PoseCorrection]) -> Result<(), ServiceError> {
+        items.chunks(self.corrections.capacity().max(1)).try_for_each(|part| send(&self.corrections, meta, part))
+    }
+}
+
 struct Alignment<'a> {
     setup: &'a ServiceSetup,
+    config: &'a AlignmentConfig,
     scans: Subscriber<topics::Scan>,
     priors: Subscriber<topics::Pose>,
-    poses: Publisher<topics::Alignment>,
+    plans: Subscriber<topics::ViewPlan>,
+    outbox: Outbox,
     health: HealthReporter,
-    aligner: SequentialAligner,
+    aligner: GlobalAligner,
+    store: Store,
+    last: LastMessages,
     /// Priors by the id of their scan.
     prior_of: BTreeMap<u64, Pose>,
+    /// A scan that came during a correction.
+    held: RefCell<Option<Received<topics::Scan>>>,
+    /// Scans that were aligned and whose correction is due.
+    waiting: VecDeque<Waiting>,
+    /// Since when the first of them waits.
+    waiting_since: Instant,
+    /// Number of scans that were planned on.
+    planned_scans: u32,
+    aligned_scans: u32,
     finished_scans: u32,
 }
 
 impl<'a> Alignment<'a> {
     fn open(
         setup: &'a ServiceSetup,
-        config: &AlignmentConfig,
+        config: &'a AlignmentConfig,
         registry: &Registry,
         participant: &Participant,
     ) -> Result<Self, ServiceError> {
         let scans = participant.subscriber()?;
         let priors = participant.subscriber()?;
+        let plans = participant.subscriber()?;
         let mut health = HealthReporter::open(participant, &setup.name)?;
-        let saved = saved_state(setup)?;
+        let (store, mut saved) = Store::open(setup)?;
         health.message("waiting for the target scan");
-        let aligner = make_aligner(setup, config, registry, participant, &scans, &saved)?;
+        let aligner = make_aligner(setup, config, registry, participant, &scans, &mut saved)?;
         health.message("");
-        let poses = participant.publisher()?;
-        if let Some((meta, hypotheses)) = messages::from_bytes(&saved.last) {
-            send(&poses, meta, &hypotheses)?;
-        }
+        let outbox = Outbox {
+            poses: participant.publisher()?,
+            corrections: participant.publisher()?,
+            loops: participant.publisher()?,
+        };
+        outbox.repeat(&saved.last)?;
         Ok(Self {
             setup,
+            config,
             scans,
             priors,
-            poses,
+            plans,
+            outbox,
             health,
             aligner,
+            store,
+            last: saved.last,
             prior_of: BTreeMap::new(),
+            held: RefCell::new(None),
+            waiting: saved.waiting.into(),
+            waiting_since: Instant::now(),
+            planned_scans: 0,
+            aligned_scans: saved.aligned_scans,
             finished_scans: saved.finished_scans,
         })
+    }
+
+    fn wait(&self, participant: &Participant) {
+        if self.held.borrow().is_some() || self.is_correction_ready() {
+            return;
+        }
+        let (scans, plans): (&dyn Wakeable, &dyn Wakeable) = (&self.scans, &self.plans);
+        let timeout = if self.waiting.is_empty() { HEARTBEAT } else { self.patience_left().min(HEARTBEAT) };
+        participant.wait(&[scans, plans], timeout);
+    }
+
+    fn next_scan(&self) -> Result<Option<Received<topics::Scan>>, ServiceError> {
+        let held = self.held.take();
+        if held.is_some() { Ok(held) } else { Ok(self.scans.receive()?) }
     }
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {
@@ -112,12 +175,19 @@ impl<'a> Alignment<'a> {
         Ok(())
     }
 
+    fn receive_plans(&mut self) -> Result<(), ServiceError> {
+        while let Some(plan) = self.plans.receive()? {
+            self.planned_scans = self.planned_scans.max(plan.header().scan() + 1);
+        }
+        Ok(())
+    }
+
     fn align(&mut self, participant: &Participant, scan: &Received<topics::Scan>) -> Result<(), ServiceError> {
         let begin = Instant::now();
         let began_ns = clock::monotonic_ns();
         let id = scan.header().id;
         let number = ScanId::unpack(id).scan;
-        if number < self.finished_scans {
+        if number < self.aligned_scans {
             // Sent again for somebody else, or by a restarted acquisition: it is done.
             self.health.finished(participant, self.finished_scans, Duration::ZERO);
             return Ok(());
@@ -128,110 +198,117 @@ impl<'a> Alignment<'a> {
         if prior.is_none() && scan.meta().flags & SCAN_HAS_PRIOR != 0 {
             tracing::warn!(scan = number, "the announced prior did not come; going on without");
         }
-        let record = self.aligner.align_next(id, view::scan(scan.meta(), scan.items()), prior);
+        let prepared = self.aligner.registration().prepare(view::scan(scan.meta(), scan.items()));
+        let prepare_ns = nanoseconds(begin.elapsed());
+        let record = self.aligner.align_prepared(id, prepared, prior);
         let facts = Facts {
             header: Header::about(scan.header(), began_ns),
             keyframe_points: self.aligner.keyframe_points(),
-            keyframe_bytes: self.aligner.bytes(),
+            keyframe_bytes: self.aligner.keyframe_bytes(),
+            prepare_ns,
             align_ns: nanoseconds(begin.elapsed()),
         };
         let meta = messages::meta(&record, &facts);
         let hypotheses: Vec<_> = record.hypotheses.iter().map(messages::hypothesis).collect();
-        send(&self.poses, meta, &hypotheses)?;
-        self.finished_scans = number + 1;
-        save_state(self.setup, self.finished_scans, self.aligner.state(), &messages::to_bytes(&meta, &hypotheses))?;
+        send(&self.outbox.poses, meta, &hypotheses)?;
+        self.last.alignment = messages::to_bytes(&meta, &hypotheses);
+        self.aligned_scans = number + 1;
+        if self.waiting.is_empty() {
+            self.waiting_since = Instant::now();
+        }
+        self.waiting.push_back(Waiting::new(scan.header()));
+        self.save()
+    }
+
+    /// The plan of the newest scan is out, or nobody waits for one any more.
+    fn is_correction_ready(&self) -> bool {
+        !self.waiting.is_empty() && (self.planned_scans >= self.aligned_scans || self.patience_left().is_zero())
+    }
+
+    fn patience_left(&self) -> Duration {
+        let patience = if self.config.correct_after_plan { self.config.plan_patience_ms } else { 0 };
+        Duration::from_millis(patience.into()).saturating_sub(self.waiting_since.elapsed())
+    }
+
+    /// Corrects older scans, unless a new scan comes: then the rest is done after that.
+    fn correct(&mut self, participant: &Participant) -> Result<(), ServiceError> {
+        if !self.is_correction_ready() {
+            return Ok(());
+        }
+        let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
+        let (scans, held) = (&self.scans, &self.held);
+        let is_wanted = || {
+            let mut held = held.borrow_mut();
+            if held.is_none() {
+                // An error comes again when the scan is received in its turn.
+                *held = scans.receive().ok().flatten();
+            }
+            held.is_some() || self.setup.stop.is_set()
+        };
+        let record = self.aligner.correct(&is_wanted);
+        if record.is_none() && self.aligner.is_correction_due() {
+            return Ok(());
+        }
+        if let Some(reason) = record.as_ref().and_then(|r| r.unsolved.as_deref()) {
+            tracing::warn!(reason, "older scans could not be corrected");
+        }
+        if let Some(record) = record.as_ref().filter(|r| self.waiting.iter().all(|w| w.id != r.scan_id)) {
+            // There was no time for it before a restart; what comes of it is told all the same.
+            let late = self.waiting.front().map(|first| Waiting { id: record.scan_id, ..*first });
+            return late.map_or(Ok(()), |late| self.tell(&late, Some(record), began_ns, begin.elapsed()));
+        }
+        // Scans without a record were not accepted, or there was no time for them.
+        while let Some(waiting) = self.waiting.pop_front() {
+            let own = record.as_ref().filter(|record| record.scan_id == waiting.id);
+            self.tell(&waiting, own, began_ns, begin.elapsed())?;
+            self.finished_scans = self.finished_scans.max(ScanId::unpack(waiting.id).scan + 1);
+            if own.is_some() {
+                break;
+            }
+        }
+        self.waiting_since = Instant::now();
+        self.save()?;
         self.health.finished(participant, self.finished_scans, begin.elapsed());
         Ok(())
     }
+
+    /// Sends what was done about older scans after one.
+    fn tell(
+        &mut self,
+        waiting: &Waiting,
+        record: Option<&CorrectionRecord>,
+        began_ns: u64,
+        time: Duration,
+    ) -> Result<(), ServiceError> {
+        let header = waiting.header(began_ns);
+        let corrections: Vec<_> =
+            record.map_or_else(Vec::new, |r| r.corrections.iter().map(messages::correction).collect());
+        self.outbox.send_corrections(Envelope { header }, &corrections)?;
+        let mut pairs = record.map_or_else(Vec::new, messages::pairs);
+        pairs.truncate(self.outbox.loops.capacity());
+        let meta = messages::loop_closing(record, header, nanoseconds(time));
+        send(&self.outbox.loops, meta, &pairs)?;
+        self.last.corrections = messages::to_bytes(&Envelope { header }, &corrections);
+        self.last.loop_closing = messages::to_bytes(&meta, &pairs);
+        Ok(())
+    }
+
+    fn save(&mut self) -> Result<(), ServiceError> {
+        let entries: Vec<Journalled> = self.aligner.take_journal();
+        let progress = Progress {
+            aligned_scans: self.aligned_scans,
+            finished_scans: self.finished_scans,
+            waiting: self.waiting.iter().copied().collect(),
+            aligner: self.aligner.state(),
+            last: &self.last,
+        };
+        Ok(self.store.save(&entries, progress)?)
+    }
 }
 
-fn send(poses: &Publisher<topics::Alignment>, meta: AlignmentMeta, items: &[Hypothesis]) -> Result<(), ServiceError> {
-    let mut loan = poses.loan(items.len())?;
+fn send<T: Topic>(publisher: &Publisher<T>, meta: T::Meta, items: &[T::Item]) -> Result<(), ServiceError> {
+    let mut loan = publisher.loan(items.len())?;
     *loan.meta_mut() = meta;
     loan.items_mut().copy_from_slice(items);
     Ok(loan.send()?)
-}
-
-fn saved_state(setup: &ServiceSetup) -> Result<Checkpoint, ServiceError> {
-    if setup.incarnation == 0 {
-        return Ok(Checkpoint::default());
-    }
-    let path = setup.state_file();
-    let Some(content) = checkpoint::load(&path)? else { return Ok(Checkpoint::default()) };
-    serde_json::from_slice(&content).map_err(|e| CheckpointError::Invalid { path, reason: e.to_string() }.into())
-}
-
-fn save_state(
-    setup: &ServiceSetup,
-    finished_scans: u32,
-    aligner: &AlignerState,
-    last: &[u8],
-) -> Result<(), ServiceError> {
-    #[derive(Serialize)]
-    struct Borrowed<'a> {
-        finished_scans: u32,
-        aligner: &'a AlignerState,
-        last: &'a [u8],
-    }
-    let content = serde_json::to_vec(&Borrowed { finished_scans, aligner, last })
-        .map_err(|e| ServiceError::Work(format!("the state cannot be written: {e}")))?;
-    Ok(checkpoint::save(&setup.state_file(), &content)?)
-}
-
-/// A new aligner, or one that goes on from the saved state: then the target scan is asked for again and prepared anew,
-/// which gives the same keyframe to the last bit.
-fn make_aligner(
-    setup: &ServiceSetup,
-    config: &AlignmentConfig,
-    registry: &Registry,
-    participant: &Participant,
-    scans: &Subscriber<topics::Scan>,
-    saved: &Checkpoint,
-) -> Result<SequentialAligner, ServiceError> {
-    let method = RegistrationConfig { threads: setup.threads, ..config.method.clone() };
-    let create = || registry.create(&config.registration, &method).map_err(|e| ServiceError::Config(e.to_string()));
-    let Some(target) = &saved.aligner.target else {
-        return SequentialAligner::new(create()?, config.sequential).map_err(|e| ServiceError::Config(e.to_string()));
-    };
-    let scan = fetch_again(setup, participant, scans, target.scan_id)?;
-    let view = view::scan(scan.meta(), scan.items());
-    SequentialAligner::restore(create()?, config.sequential, saved.aligner.clone(), Some(view))
-        .map_err(|e| ServiceError::Work(e.to_string()))
-}
-
-/// Asks acquisition for an old scan and waits for it. Newer scans that arrive meanwhile are asked for afterwards.
-fn fetch_again(
-    setup: &ServiceSetup,
-    participant: &Participant,
-    scans: &Subscriber<topics::Scan>,
-    id: u64,
-) -> Result<Received<topics::Scan>, ServiceError> {
-    let requests: Publisher<topics::ScanRequests> = participant.publisher()?;
-    let wanted = ScanId::unpack(id).scan;
-    let ask = |scan: u32| {
-        let request = ScanRequest { kind: ScanRequestKind::RESEND, scan, reserved: 0 };
-        requests.send_one(Envelope { header: Header::new(id, 0) }, request)
-    };
-    let begin = Instant::now();
-    let mut passed_over = Vec::new();
-    let mut asked = None::<Instant>;
-    while !setup.stop.is_set() && begin.elapsed() < TARGET_TIMEOUT {
-        // Asked again now and then: the request is lost when acquisition is restarting, too.
-        if asked.is_none_or(|t| t.elapsed() > Duration::from_secs(1)) {
-            ask(wanted)?;
-            asked = Some(Instant::now());
-        }
-        participant.wait(&[scans], HEARTBEAT);
-        requests.serve_late_joiners();
-        while let Some(scan) = scans.receive()? {
-            if scan.header().id == id {
-                for number in passed_over {
-                    ask(number)?;
-                }
-                return Ok(scan);
-            }
-            passed_over.push(scan.header().scan());
-        }
-    }
-    Err(ServiceError::Work(format!("scan {wanted}, the target of the alignment, was not sent again")))
 }

@@ -26,8 +26,9 @@ pub struct RecorderConfig {
     pub foxglove: bool,
     /// Most points of a scan in that view; the raw records always hold all of them.
     pub foxglove_points: usize,
-    /// A scan is acknowledged when it was written on each of these topics: `scan`, `alignment`, `scored_scan`,
-    /// `view_plan`. A graph without planning leaves out `view_plan`.
+    /// A scan is acknowledged when it was written on each of these topics: `scan`, `alignment`, `loop_closing`,
+    /// `scored_scan`, `view_plan`. A graph without planning leaves out `view_plan`, one with an alignment of its own
+    /// `loop_closing`.
     pub acknowledge_after: Vec<String>,
 }
 
@@ -44,7 +45,7 @@ impl Default for RecorderConfig {
 }
 
 /// The topics that have one message a scan.
-const ACKNOWLEDGED: [&str; 4] = ["scan", "alignment", "scored_scan", "view_plan"];
+const ACKNOWLEDGED: [&str; 5] = ["scan", "alignment", "loop_closing", "scored_scan", "view_plan"];
 
 /// What is wrong with a [`RecorderConfig`].
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -62,7 +63,9 @@ pub enum ConfigError {
         most: u64,
     },
     /// `acknowledge_after` names a topic that does not have one message a scan, or is empty.
-    #[error("recorder.acknowledge_after = {value:?}: name at least one of scan, alignment, scored_scan, view_plan")]
+    #[error(
+        "recorder.acknowledge_after = {value:?}: name at least one of scan, alignment, loop_closing, scored_scan, view_plan"
+    )]
     Acknowledge {
         /// Its value.
         value: Vec<String>,

@@ -11,7 +11,7 @@ use mirador_ipc_schema::{Header, ScanId};
 const REMEMBERED: usize = 64;
 
 /// Topics with one message a scan: whatever comes later about the same scan is a repetition.
-const ONCE: [&str; 3] = ["scan", "alignment", "scored_scan"];
+const ONCE: [&str; 4] = ["scan", "alignment", "loop_closing", "scored_scan"];
 /// Topics with a message a decision: the publisher may decide again, but one that restarts repeats itself.
 const PER_DECISION: [&str; 2] = ["view_plan", "path"];
 

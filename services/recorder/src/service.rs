@@ -178,7 +178,7 @@ impl Recorder {
             return Ok(());
         }
         self.writer.record::<T>(meta, items)?;
-        self.urgent |= ["scan", "alignment", "scored_scan", "view_plan"].contains(&topic);
+        self.urgent |= ["scan", "alignment", "loop_closing", "scored_scan", "view_plan"].contains(&topic);
         match &mut self.view {
             Some(view) => draw::<T>(view, &mut self.writer, meta, items),
             None => Ok(()),

@@ -1,6 +1,6 @@
 use super::*;
 use crate::testing::{header, points};
-use mirador_ipc_schema::messages::{PointScore, ScanMeta, ScoredScanMeta, ViewPlanMeta};
+use mirador_ipc_schema::messages::{LoopClosingMeta, PointScore, ScanMeta, ScoredScanMeta, ViewPlanMeta};
 use mirador_ipc_schema::topics::Sizes;
 use mirador_ipc_schema::{Domain, StopSignal, Wake};
 use std::path::Path;
@@ -103,11 +103,13 @@ fn the_service_records_what_is_said_and_acknowledges_whole_scans() {
     let alignments = peer.publisher::<topics::Alignment>().unwrap();
     let scores = peer.publisher::<topics::ScoredScan>().unwrap();
     let plans = peer.publisher::<topics::ViewPlan>().unwrap();
+    let loops = peer.publisher::<topics::LoopClosing>().unwrap();
     for n in 0..3 {
         scans.send_copy(scan(n, 0), &points(n, 500)).unwrap();
         alignments.send_copy(AlignmentMeta { header: header(n, 0), ..AlignmentMeta::default() }, &[]).unwrap();
         let scored = ScoredScanMeta { header: header(n, 0), ..ScoredScanMeta::default() };
         scores.send_copy(scored, &[PointScore::default(); 500]).unwrap();
+        loops.send_copy(LoopClosingMeta { header: header(n, 0), ..LoopClosingMeta::default() }, &[]).unwrap();
         plans.send_copy(ViewPlanMeta { header: header(n, 0), ..ViewPlanMeta::default() }, &[]).unwrap();
         acknowledged(n + 1);
     }
@@ -117,7 +119,7 @@ fn the_service_records_what_is_said_and_acknowledges_whole_scans() {
     assert!(reader.is_complete());
     assert_eq!(reader.scan_index(), [0, 1, 2]);
     reader.read_scan(1, &mut |_, items| assert_eq!(items, points(1, 500))).unwrap();
-    drop((health, scans, alignments, scores, plans));
+    drop((health, scans, alignments, scores, plans, loops));
     drop(peer);
     let _ = setup.domain.remove_all();
 }

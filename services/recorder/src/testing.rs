@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_ACCEPTED, AlignmentMeta, Header, Hypothesis, Point, PointScore, ScanId, ScanMeta, ScoredScanMeta,
-    ViewPlanMeta,
+    ALIGNMENT_ACCEPTED, AlignmentMeta, Header, Hypothesis, LoopClosingMeta, Point, PointScore, ScanId, ScanMeta,
+    ScoredScanMeta, ViewPlanMeta,
 };
 use mirador_ipc_schema::topics;
 
@@ -36,6 +36,8 @@ pub(crate) fn record_scan(writer: &mut RunWriter, scan: u32, n: usize) {
         ..AlignmentMeta::default()
     };
     writer.record::<topics::Alignment>(&alignment, &[Hypothesis::default(); 2]).unwrap();
+    let loops = LoopClosingMeta { header: header(scan, sent + 15), ..LoopClosingMeta::default() };
+    writer.record::<topics::LoopClosing>(&loops, &[]).unwrap();
     let scored = ScoredScanMeta { header: header(scan, sent + 20), ..ScoredScanMeta::default() };
     let scores = vec![PointScore { quality: 65535, flags: 1, ..PointScore::default() }; n];
     writer.record::<topics::ScoredScan>(&scored, &scores).unwrap();

@@ -8,7 +8,8 @@ use anyhow::Context;
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_ipc_schema::messages::{
     ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, AlignmentMeta, CANDIDATE_OPEN, CLOCK_ENDED, CLOCK_FAULT, CandidateView,
-    DECISION_STOP, Hypothesis, ViewPlanMeta,
+    DECISION_STOP, Hypothesis, LoopClosingMeta, PAIR_ACCEPTED, PAIR_LOOP, PAIR_REJECTED, PAIR_SWITCHED_OFF,
+    PAIR_SWITCHED_ON, ScanId, ScanPair, ViewPlanMeta,
 };
 use mirador_ipc_schema::{text, topics};
 use mirador_recorder::{RUN_FILE, RunReader};
@@ -37,11 +38,13 @@ pub fn explain(run_dir: &Path, scan: Option<u32>, out: &mut dyn Write) -> anyhow
     if !reader.is_complete() {
         writeln!(out, "The recording was cut off; this is what was saved of it.\n")?;
     }
-    let (mut hypotheses, mut candidates) = (Vec::new(), Vec::new());
+    let (mut hypotheses, mut candidates, mut pairs) = (Vec::new(), Vec::new(), Vec::new());
     for &scan in &scans {
         writeln!(out, "Scan {scan}")?;
         let alignment = reader.read_about::<topics::Alignment>(scan, &mut hypotheses)?;
         explain_alignment(alignment.as_ref(), &hypotheses, out).context("cannot print the explanation")?;
+        let loops = reader.read_about::<topics::LoopClosing>(scan, &mut pairs)?;
+        explain_loops(loops.as_ref(), &pairs, out).context("cannot print the explanation")?;
         let plan = reader.read_about::<topics::ViewPlan>(scan, &mut candidates)?;
         explain_plan(plan.as_ref(), &candidates, out).context("cannot print the explanation")?;
         writeln!(out)?;
@@ -101,6 +104,70 @@ fn explain_alignment(
         writeln!(out, "      found {}", place(&h.found))?;
     }
     Ok(())
+}
+
+/// What was done about older scans: every pair that was tried, and what moved. Old recordings have nothing of it.
+fn explain_loops(loops: Option<&LoopClosingMeta>, pairs: &[ScanPair], out: &mut dyn Write) -> std::io::Result<()> {
+    let Some(l) = loops else { return Ok(()) };
+    if l.nodes == 0 {
+        return writeln!(out, "  Older scans: not looked at");
+    }
+    writeln!(
+        out,
+        "  Older scans: {} within reach, {} pairs tried; {} pairs of {} scans in all, {} loops switched off",
+        l.candidates,
+        pairs.iter().filter(|p| p.status == PAIR_ACCEPTED || p.status == PAIR_REJECTED).count(),
+        l.edges,
+        l.nodes,
+        l.switched_off
+    )?;
+    for pair in pairs {
+        explain_pair(pair, out)?;
+    }
+    if l.free_nodes == 0 {
+        return writeln!(out, "    no correction: every new pair agrees with the poses as they are");
+    }
+    writeln!(
+        out,
+        "    solved for {} poses: chi2 {:.2} before, {:.2} after {} iterations{}; {} poses corrected by up to {:.1} mm and {:.3}°",
+        l.free_nodes,
+        l.chi2_before,
+        l.chi2_after,
+        l.iterations,
+        if l.converged == 1 { "" } else { ", NOT CONVERGED" },
+        l.corrections,
+        1e3 * l.largest_shift_m,
+        l.largest_turn.to_degrees()
+    )
+}
+
+fn explain_pair(p: &ScanPair, out: &mut dyn Write) -> std::io::Result<()> {
+    let kind = if p.kind == PAIR_LOOP { "loop" } else { "overlap" };
+    let target = ScanId::unpack(p.target_id).scan;
+    match p.status {
+        PAIR_SWITCHED_OFF | PAIR_SWITCHED_ON => {
+            let (state, source) = (p.status == PAIR_SWITCHED_OFF, ScanId::unpack(p.source_id).scan);
+            let word = if state { "SWITCHED OFF: it contradicts the rest" } else { "counts again" };
+            return writeln!(out, "    loop of scans {target} and {source}: {word}");
+        }
+        _ => {}
+    }
+    let verdict = if p.status == PAIR_ACCEPTED { "accepted" } else { text::unpack(&p.reason) };
+    writeln!(
+        out,
+        "    {kind} with scan {target} from {}: known to {:.3} m and {:.2}°, overlap {:.3} of {:.3} predicted, residual \
+         {:.2} mm, {:.1} sigmas from the prediction, {} iterations: {verdict}",
+        if p.is_coarse == 1 { "coarse alignment" } else { "the prediction" },
+        p.predicted_sigma_m,
+        p.predicted_sigma_rotation.to_degrees(),
+        p.overlap,
+        p.predicted_overlap,
+        1e3 * p.residual_m,
+        p.sigmas,
+        p.iterations
+    )?;
+    writeln!(out, "      predicted {}", place(&p.predicted))?;
+    writeln!(out, "      found     {}", place(&p.found))
 }
 
 /// How many directions of motion the geometry holds, in words. The bits stand for the pair's own principal directions,
@@ -232,6 +299,25 @@ mod tests {
         assert!(text.contains("STOP: the model is good enough (done)"), "{text}");
         assert!(text.contains("hypothesis 0 from prior: overlap 0.100"), "{text}");
         assert!(text.contains("12 iterations, 4 of 6 directions constrained"), "{text}");
+    }
+
+    #[test]
+    fn every_loop_is_told_with_what_came_of_it() {
+        let text = explained(Some(2));
+        assert!(
+            text.contains("Older scans: 2 within reach, 2 pairs tried; 4 pairs of 3 scans in all, 1 loops"),
+            "{text}"
+        );
+        assert!(text.contains("loop with scan 0 from coarse alignment: known to 0.500 m"), "{text}");
+        assert!(text.contains("12 iterations: accepted"), "{text}");
+        assert!(
+            text.contains("overlap with scan 1 from the prediction") && text.contains(": overlap 0.10 is below 0.40")
+        );
+        assert!(text.contains("loop of scans 0 and 1: SWITCHED OFF"), "{text}");
+        assert!(
+            text.contains("chi2 90.00 before, 4.50 after 3 iterations; 1 poses corrected by up to 100.0 mm"),
+            "{text}"
+        );
     }
 
     #[test]

@@ -105,6 +105,11 @@ impl Session<'_> {
         }
         if self.graph.services.planning.is_none() {
             self.graph.recorder.acknowledge_after.retain(|topic| topic != "view_plan");
+            self.graph.alignment.correct_after_plan = false;
+        }
+        if self.graph.services.alignment.as_ref().is_none_or(|entry| !entry.command.is_empty()) {
+            // An alignment of the user's own need not close loops, and if it does, need not tell.
+            self.graph.recorder.acknowledge_after.retain(|topic| topic != "loop_closing");
         }
         Ok(known)
     }

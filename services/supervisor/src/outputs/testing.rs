@@ -7,8 +7,9 @@ use std::time::Duration;
 use mirador_core::geometry::{Pose, rows_from_pose};
 use mirador_ipc_schema::messages::{
     ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, CandidateView, DECISION_GO, DECISION_STOP,
-    Envelope, Header, Hypothesis, MapCell, MapMeta, MapTile, PathMeta, Point, PointScore, PoseCorrection, ScanId,
-    ScanMeta, ScoredScanMeta, ViewPlanMeta, Waypoint,
+    Envelope, Header, Hypothesis, LoopClosingMeta, MapCell, MapMeta, MapTile, PAIR_LOOP, PAIR_REJECTED,
+    PAIR_SWITCHED_OFF, PathMeta, Point, PointScore, PoseCorrection, ScanId, ScanMeta, ScanPair, ScoredScanMeta,
+    ViewPlanMeta, Waypoint,
 };
 use mirador_ipc_schema::text::pack;
 use mirador_ipc_schema::topics;
@@ -169,7 +170,41 @@ pub(crate) fn record_run(folder: &Path) {
         ..PoseCorrection::default()
     };
     writer.record::<topics::PoseCorrections>(&Envelope { header: header(2, 30 * MS) }, &[corrected]).unwrap();
+    let (loops, pairs) = loops();
+    writer.record::<topics::LoopClosing>(&loops, &pairs).unwrap();
     writer.finish().unwrap();
+}
+
+/// What was done about older scans after scan 2.
+fn loops() -> (LoopClosingMeta, [ScanPair; 3]) {
+    let loops = LoopClosingMeta {
+        header: header(2, 30 * MS),
+        chi2_before: 90.0,
+        chi2_after: 4.5,
+        largest_shift_m: 0.1,
+        candidates: 2,
+        nodes: 3,
+        edges: 4,
+        switched_off: 1,
+        free_nodes: 2,
+        iterations: 3,
+        corrections: 1,
+        converged: 1,
+        ..LoopClosingMeta::default()
+    };
+    let here = rows_from_pose(&pose(1.0, 0.0, 0.0));
+    let pair = |target: u32, source: u32| ScanPair {
+        target_id: header(target, 0).id,
+        source_id: header(source, 0).id,
+        predicted: here,
+        found: here,
+        iterations: 12,
+        ..ScanPair::default()
+    };
+    let closed = ScanPair { kind: PAIR_LOOP, is_coarse: 1, predicted_sigma_m: 0.5, ..pair(0, 2) };
+    let rejected = ScanPair { status: PAIR_REJECTED, reason: pack("overlap 0.10 is below 0.40"), ..pair(1, 2) };
+    let off = ScanPair { kind: PAIR_LOOP, status: PAIR_SWITCHED_OFF, ..pair(0, 1) };
+    (loops, [closed, rejected, off])
 }
 
 /// What is known beside it: the truth stands turned by a quarter and 100 m away; scan 1 truly is at (3, 4.2).

@@ -1,0 +1,119 @@
+//! Loops are closed and older scans corrected in the running graph: what is said about it, what the outputs make of it,
+//! and that a death in the middle changes nothing.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
+mod support;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::Stdio;
+
+use mirador_ipc_schema::messages::{PAIR_ACCEPTED, PAIR_LOOP};
+use mirador_ipc_schema::{ScanId, topics};
+use support::observer::{Observer, kill_9};
+use support::outputs::recording;
+use support::{Stage, finish, small_scanner, summary};
+
+/// Two rounds of the tour, whose second goes back over the first; every millimetre is corrected.
+const SCANS: u32 = 16;
+
+fn arguments(more: &[&str]) -> Vec<String> {
+    let settings = ["acquisition.rounds=2", "alignment.global.correction_threshold_m=0.001"];
+    let mut arguments = small_scanner();
+    arguments.extend(settings.iter().chain(more).flat_map(|s| ["--set".to_owned(), (*s).to_owned()]));
+    arguments.push("--quiet".to_owned());
+    arguments
+}
+
+#[test]
+fn corrections_are_published_recorded_explained_and_used_in_the_outputs() {
+    let stage = Stage::new();
+    stage.run_well(&arguments(&[]));
+    let out = stage.path("mirador-out");
+    let mut reader = recording(&out);
+    let (mut told, mut loops) = (BTreeMap::new(), 0);
+    reader
+        .for_each::<topics::LoopClosing>(|meta, pairs| {
+            loops += pairs.iter().filter(|p| p.kind == PAIR_LOOP && p.status == PAIR_ACCEPTED).count();
+            assert!(told.insert(meta.header.scan(), meta.corrections as usize).is_none(), "told twice");
+        })
+        .unwrap();
+    assert_eq!(told.keys().copied().collect::<Vec<_>>(), (0..SCANS).collect::<Vec<_>>());
+    assert!(loops > 0, "no loop was closed");
+    let (mut sent, mut last) = (BTreeMap::new(), BTreeMap::new());
+    reader
+        .for_each::<topics::PoseCorrections>(|meta, corrections| {
+            *sent.entry(meta.header.scan()).or_insert(0) += corrections.len();
+            last.extend(corrections.iter().map(|c| (ScanId::unpack(c.id).scan, c.map_from_scanner)));
+        })
+        .unwrap();
+    told.retain(|_, corrections| *corrections > 0);
+    assert_eq!(sent, told, "what is told is what is sent");
+    assert!(!last.is_empty(), "nothing was corrected: the test shows nothing");
+    let trajectory = fs::read_to_string(out.join("trajectory.tum")).unwrap();
+    // One line a scan behind the heading; a comment where it is not aligned.
+    let lines: Vec<&str> = trajectory.lines().skip(1).collect();
+    assert_eq!(lines.len(), SCANS as usize);
+    let aligned = last.iter().filter(|(scan, _)| !lines[**scan as usize].starts_with('#'));
+    let mut compared = 0;
+    for (scan, pose) in aligned {
+        let position = format!("{:.9} {:.9} {:.9}", pose[3], pose[7], pose[11]);
+        assert!(lines[*scan as usize].contains(&position), "scan {scan}: {position} in {}", lines[*scan as usize]);
+        compared += 1;
+    }
+    assert!(compared > 0);
+    let explained = stage.run_well(&["explain", &out.display().to_string()]);
+    assert!(explained.stdout.contains("loop with scan"), "{}", explained.stdout);
+    assert!(explained.stdout.contains("poses corrected by up to"), "{}", explained.stdout);
+}
+
+#[test]
+fn a_killed_alignment_corrects_the_same_to_the_last_bit() {
+    let stage = Stage::new();
+    stage.run_well(&[arguments(&[]), vec!["--out".to_owned(), "undisturbed".to_owned()]].concat());
+    let child = stage.mirador(&arguments(&[])).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut observer = Observer::join(stage.domain());
+    let mut dead = Vec::new();
+    for (witness, scans) in [("alignment", 9), ("planning", 11), ("analysis", 13), ("planning", 15)] {
+        observer.until(&format!("{witness} has finished {scans} scans"), |seen| {
+            let alive = seen.get("alignment").is_some_and(|h| !dead.contains(&h.pid));
+            alive && seen.get(witness).is_some_and(|h| h.finished_scans >= scans)
+        });
+        let pid = observer.pid("alignment");
+        kill_9(pid);
+        dead.push(pid);
+    }
+    drop(observer);
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(0), "{}", finished.stderr);
+    assert_eq!(summary(&stage.path("mirador-out"))["restarts"], 4);
+    for file in ["trajectory.tum", "model.ply"] {
+        let [a, b] = ["undisturbed", "mirador-out"].map(|out| fs::read(stage.path(out).join(file)).unwrap());
+        assert!(a == b, "{file} is another\n{}", finished.stderr);
+    }
+    stage.assert_nothing_left();
+}
+
+#[test]
+fn without_correction_nothing_is_corrected_and_the_graph_runs_all_the_same() {
+    let stage = Stage::new();
+    stage.run_well(&arguments(&["alignment.global.method=off"]));
+    let reader = recording(&stage.path("mirador-out"));
+    assert_eq!(reader.count::<topics::PoseCorrections>(), 0);
+    assert_eq!(reader.count::<topics::LoopClosing>(), SCANS as usize);
+}
+
+#[test]
+fn a_graph_without_planning_does_not_wait_for_a_plan() {
+    let stage = Stage::new();
+    fs::write(
+        stage.path("graph.toml"),
+        "config_version = 1\n[services.acquisition]\n[services.alignment]\n[services.analysis]\n[services.recorder]\n\
+         [alignment]\nplan_patience_ms = 60000\n",
+    )
+    .unwrap();
+    let graph = stage.path("graph.toml").display().to_string();
+    stage.run_well(&[vec!["up".to_owned(), graph], arguments(&[])].concat());
+    assert_eq!(recording(&stage.path("mirador-out")).count::<topics::LoopClosing>(), SCANS as usize);
+}
