@@ -8,6 +8,7 @@ mod cloud_reader;
 mod csv;
 mod error;
 mod folder;
+mod g2o;
 mod las;
 mod las_guard;
 mod lzf;
@@ -33,6 +34,7 @@ pub use cloud_reader::{
 pub use convert::{ConvertError, ConvertSummary, convert};
 pub use error::{At, FormatError, WriteError};
 pub use folder::{ScanFiles, list_scans};
+pub use g2o::{G2oGraph, g2o_chi2, read_g2o, write_g2o};
 pub use poses::{StampedPose, read_poses};
 pub use writers::{
     CloudWriter, LasWriter, OutPoint, PcdOptions, PcdWriter, PlyOptions, PlyWriter, TumWriter, Xyz32Writer,

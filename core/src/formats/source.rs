@@ -153,6 +153,11 @@ impl Source {
         Ok(false)
     }
 
+    /// The number of the line taken last, from 1.
+    pub(super) fn line_number(&self) -> u64 {
+        self.line_number
+    }
+
     /// The line taken last, without leading and trailing blanks.
     pub(super) fn line(&self) -> &[u8] {
         self.line.trim_ascii()

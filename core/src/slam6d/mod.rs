@@ -5,6 +5,7 @@
 
 mod acceptance;
 mod errors;
+pub mod pose_graph;
 mod record;
 mod sequential;
 mod state;

@@ -11,6 +11,7 @@ mod xyz32;
 pub use las::LasWriter;
 pub use pcd::{PcdOptions, PcdWriter};
 pub use ply::{PlyOptions, PlyWriter};
+pub(super) use temporary::TemporaryFile;
 pub use tum::TumWriter;
 pub use xyz32::Xyz32Writer;
 

@@ -9,14 +9,14 @@ use std::{
 use tempfile::TempPath;
 
 /// A buffered file under a temporary name beside `path`; dropped without [`TemporaryFile::publish`] it is deleted.
-pub(super) struct TemporaryFile {
+pub(in crate::formats) struct TemporaryFile {
     path: PathBuf,
     out: BufWriter<File>,
     name: TempPath,
 }
 
 impl TemporaryFile {
-    pub(super) fn create(path: &Path) -> Result<Self, WriteError> {
+    pub(in crate::formats) fn create(path: &Path) -> Result<Self, WriteError> {
         let (file, name) = create_beside(path)?;
         Ok(Self { path: path.to_path_buf(), out: BufWriter::with_capacity(1 << 16, file), name })
     }
@@ -25,7 +25,7 @@ impl TemporaryFile {
         &self.path
     }
 
-    pub(super) fn write(&mut self, bytes: &[u8]) -> Result<(), WriteError> {
+    pub(in crate::formats) fn write(&mut self, bytes: &[u8]) -> Result<(), WriteError> {
         self.out.write_all(bytes).map_err(|e| WriteError::io(&self.path, e))
     }
 
@@ -39,7 +39,7 @@ impl TemporaryFile {
     }
 
     /// Brings everything to the disk and gives the file its name.
-    pub(super) fn publish(self) -> Result<(), WriteError> {
+    pub(in crate::formats) fn publish(self) -> Result<(), WriteError> {
         let Self { path, out, name } = self;
         let file = out.into_inner().map_err(|e| WriteError::io(&path, e.into_error()))?;
         publish(&path, &file, name)
