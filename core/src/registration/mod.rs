@@ -9,6 +9,7 @@
 //! earlier calls.
 
 mod alignment;
+pub mod coarse;
 mod config;
 mod correspondences;
 mod information;

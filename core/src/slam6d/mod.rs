@@ -5,6 +5,7 @@
 
 mod acceptance;
 mod errors;
+pub mod global;
 pub mod pose_graph;
 mod record;
 mod sequential;
@@ -16,4 +17,4 @@ pub use acceptance::{AcceptanceConfig, Rejection};
 pub use errors::{TrajectoryError, trajectory_error};
 pub use record::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
 pub use sequential::{RestoreError, SequentialAligner, SequentialConfig};
-pub use state::{AlignerState, TargetState, TrajectoryEntry};
+pub use state::{AlignerState, TargetState};

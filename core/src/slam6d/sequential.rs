@@ -1,12 +1,14 @@
 //! Each scan is aligned to the last one that was accepted.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Matrix6};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::{
     AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
-    TargetState, TrajectoryEntry,
+    TargetState,
 };
 use crate::geometry::{Covariance, Pose};
 use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
@@ -87,12 +89,12 @@ pub enum RestoreError {
     },
 }
 
-/// Aligns scan after scan. It holds one keyframe, that of the last accepted scan, and a pose for each scan.
+/// Aligns scan after scan. It holds one keyframe, that of the last accepted scan; its memory does not grow.
 pub struct SequentialAligner {
     registration: Box<dyn Registration>,
     config: SequentialConfig,
     state: AlignerState,
-    target: Option<Box<dyn PreparedScan>>,
+    target: Option<Arc<dyn PreparedScan>>,
 }
 
 /// An accepted pair.
@@ -133,7 +135,7 @@ impl SequentialAligner {
                 if points != expected {
                     return Err(RestoreError::OtherTarget { scan_id, points, expected });
                 }
-                Some(prepared)
+                Some(Arc::from(prepared))
             }
         };
         Ok(Self { registration, config, state, target })
@@ -145,11 +147,29 @@ impl SequentialAligner {
         &self.state
     }
 
-    /// The memory held: keyframe and trajectory [bytes].
+    /// The memory held: the keyframe and what is fixed [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {
-        let keyframe = self.target.as_ref().map_or(0, |target| target.bytes());
-        keyframe + self.state.trajectory.capacity() * size_of::<TrajectoryEntry>() + size_of::<Self>()
+        self.target.as_ref().map_or(0, |target| target.bytes()) + size_of::<Self>()
+    }
+
+    /// The keyframe it holds, that of the last accepted scan.
+    pub(super) fn target(&self) -> Option<&Arc<dyn PreparedScan>> {
+        self.target.as_ref()
+    }
+
+    /// The method, for pairs other than the sequential one.
+    pub(super) fn registration_mut(&mut self) -> &mut dyn Registration {
+        &mut *self.registration
+    }
+
+    /// Moves the map under the aligner: the target's pose was corrected, and with it that of the last scan. The next
+    /// scan is aligned relative to them; the last motion stays what was measured.
+    pub(super) fn correct(&mut self, target: Pose, last: Pose) {
+        if let Some(state) = &mut self.state.target {
+            state.map_from_scanner = target;
+        }
+        self.state.last = Some(last);
     }
 
     /// The number of reduced points of the keyframe it holds; 0 before the first scan.
@@ -164,18 +184,29 @@ impl SequentialAligner {
     /// A scan that cannot be aligned is flagged with the reason in the record. Its pose is the guess, it never becomes
     /// a target, and the next scan is aligned to the last accepted one.
     pub fn align_next(&mut self, scan_id: u64, scan: ScanView<'_>, prior: Option<Pose>) -> AlignmentRecord {
+        let prepared = self.registration.prepare(scan);
+        self.align_prepared(scan_id, prepared, prior)
+    }
+
+    /// As [`Self::align_next`], for a scan that was prepared already, by this method with these settings.
+    pub fn align_prepared(
+        &mut self,
+        scan_id: u64,
+        prepared: Result<Box<dyn PreparedScan>, PrepareError>,
+        prior: Option<Pose>,
+    ) -> AlignmentRecord {
         let mut record = self.blank_record(scan_id, prior);
-        match self.registration.prepare(scan) {
+        match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
             Ok(prepared) => match (self.state.target, self.target.take()) {
                 (Some(target), Some(target_scan)) => {
                     let accepted = self.align(&mut record, &target, &*target_scan, &*prepared);
-                    self.target = Some(if accepted { prepared } else { target_scan });
+                    self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }
                 _ => {
                     record.status = AlignmentStatus::First;
                     record.covariance = Covariance::zeros();
-                    self.target = Some(prepared);
+                    self.target = Some(Arc::from(prepared));
                 }
             },
         }
@@ -214,7 +245,7 @@ impl SequentialAligner {
 
     /// The last scan's pose and its motion once more.
     fn constant_motion(&self) -> Pose {
-        let last = self.state.trajectory.last().map_or_else(Pose::identity, |entry| entry.map_from_scanner);
+        let last = self.state.last.unwrap_or_else(Pose::identity);
         normalised(last * self.state.last_motion.unwrap_or_else(Pose::identity))
     }
 
@@ -296,14 +327,12 @@ impl SequentialAligner {
         }
     }
 
-    /// Appends the scan to the trajectory and makes it the target if it was accepted.
+    /// Makes the scan the last one, and the target if it was accepted.
     fn remember(&mut self, record: &AlignmentRecord) {
         let map_from_scanner = record.map_from_scanner;
-        let last = self.state.trajectory.last();
-        self.state.last_motion = last.map(|last| last.map_from_scanner.inverse() * map_from_scanner);
-        let accepted = record.is_accepted();
-        self.state.trajectory.push(TrajectoryEntry { scan_id: record.scan_id, map_from_scanner, accepted });
-        if accepted {
+        self.state.last_motion = self.state.last.map(|last| last.inverse() * map_from_scanner);
+        self.state.last = Some(map_from_scanner);
+        if record.is_accepted() {
             let (scan_id, prior, covariance) = (record.scan_id, record.prior, record.covariance);
             let reduced_points = self.target.as_ref().map_or(0, |target| target.points().len() as u64);
             self.state.target = Some(TargetState { scan_id, map_from_scanner, prior, reduced_points, covariance });

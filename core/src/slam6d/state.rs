@@ -1,4 +1,4 @@
-//! What a restarted aligner needs to go on as if nothing had happened.
+//! What a restarted sequential aligner needs to go on as if nothing had happened.
 
 use serde::{Deserialize, Serialize};
 
@@ -7,23 +7,12 @@ use crate::geometry::{Covariance, Pose};
 /// Everything an aligner remembers but the target's points, which are prepared again from the target's scan.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct AlignerState {
-    /// Every scan so far, in order.
-    pub trajectory: Vec<TrajectoryEntry>,
+    /// The pose of the last scan, a guess when it was not accepted; `None` before the first.
+    pub last: Option<Pose>,
     /// The motion from the scan before last to the last, `before_from_last`.
     pub last_motion: Option<Pose>,
     /// The scan the next one is aligned to; `None` before the first.
     pub target: Option<TargetState>,
-}
-
-/// One scan of the trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct TrajectoryEntry {
-    /// The scan.
-    pub scan_id: u64,
-    /// Its pose; a guess when it was not accepted.
-    pub map_from_scanner: Pose,
-    /// Whether it was aligned (or is the first).
-    pub accepted: bool,
 }
 
 /// The last accepted scan.

@@ -1,0 +1,160 @@
+//! One pair of scans: from the predicted pose to a measurement, or to the reason why there is none.
+
+use std::sync::Arc;
+
+use super::candidates::Candidate;
+use super::journal::MeasuredPair;
+use super::keyframe::Keyframe;
+use super::verification::Verification;
+use super::{GlobalConfig, PairKind, PairRecord, PairRejection, PairStart};
+use crate::geometry::{Covariance, Pose, log};
+use crate::registration::{Alignment, Limits, PreparedScan, Registration};
+use crate::slam6d::{AcceptanceConfig, SequentialConfig};
+
+/// Pairs are looked for at least this far at the start, however certain the prediction is [m].
+const LEAST_PAIR_DISTANCE_M: f64 = 0.75;
+
+/// Keyframes ready for registration, the last used first.
+pub(super) struct Ready {
+    of: Vec<(usize, Arc<dyn PreparedScan>)>,
+    most: usize,
+}
+
+impl Ready {
+    pub fn new(most: usize) -> Self {
+        Self { of: Vec::with_capacity(most), most }
+    }
+
+    /// The memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        self.of.iter().map(|(_, prepared)| prepared.bytes()).sum()
+    }
+
+    /// A keyframe, prepared. What it is does not depend on whether it was kept or is made now.
+    fn get(
+        &mut self,
+        node: usize,
+        keyframe: &Keyframe,
+        registration: &dyn Registration,
+    ) -> Result<Arc<dyn PreparedScan>, PairRejection> {
+        let known = self.of.iter().position(|(of, _)| *of == node);
+        let entry = match known {
+            Some(at) => self.of.remove(at),
+            None => {
+                let prepared = keyframe.prepare(registration);
+                (node, Arc::from(prepared.map_err(|e| PairRejection::Prepare { reason: e.to_string() })?))
+            }
+        };
+        self.of.truncate(self.most.saturating_sub(1));
+        let prepared = Arc::clone(&entry.1);
+        self.of.insert(0, entry);
+        Ok(prepared)
+    }
+}
+
+/// What a pair is measured with.
+pub(super) struct Measuring<'a> {
+    pub config: &'a GlobalConfig,
+    pub sequential: &'a SequentialConfig,
+    pub keyframes: &'a [Keyframe],
+    pub scan_ids: &'a [u64],
+    pub registration: &'a mut dyn Registration,
+    pub ready: &'a mut Ready,
+    pub verification: &'a mut Verification,
+    /// Says which way is up for the source.
+    pub map_from_source: Pose,
+}
+
+impl Measuring<'_> {
+    /// Tries a pair.
+    pub fn measure(&mut self, candidate: &Candidate) -> (PairRecord, Option<MeasuredPair>) {
+        let mut record = PairRecord {
+            kind: candidate.kind,
+            target_id: self.scan_ids[candidate.target],
+            source_id: self.scan_ids[candidate.source],
+            predicted: candidate.predicted,
+            predicted_sigma_m: candidate.sigma_m,
+            predicted_sigma_rotation: candidate.sigma_rotation,
+            predicted_overlap: candidate.overlap,
+            start: if candidate.needs_coarse { PairStart::Coarse } else { PairStart::Prediction },
+            found: candidate.predicted,
+            overlap: 0.0,
+            residual_m: 0.0,
+            iterations: 0,
+            sigmas: 0.0,
+            rejected: None,
+        };
+        match self.attempt(candidate, &mut record) {
+            Ok(pair) => (record, Some(pair)),
+            Err(rejection) => {
+                record.rejected = Some(rejection);
+                (record, None)
+            }
+        }
+    }
+
+    fn attempt(&mut self, candidate: &Candidate, record: &mut PairRecord) -> Result<MeasuredPair, PairRejection> {
+        let (target, source) = (candidate.target, candidate.source);
+        let start = if candidate.needs_coarse {
+            let up = self.map_from_source.rotation.inverse() * nalgebra::Vector3::z();
+            self.verification.search(self.keyframes, candidate, up)?
+        } else {
+            candidate.predicted
+        };
+        record.found = start;
+        let alignment = self.register(candidate, &start)?;
+        record.found = alignment.target_from_source;
+        record.overlap = alignment.overlap;
+        record.residual_m = alignment.residual_rms_m;
+        record.iterations = alignment.iterations;
+        record.sigmas = distance_in_sigmas(candidate, &alignment);
+        self.acceptance(candidate.kind)
+            .judge(&alignment, &start, &self.limits(candidate), true)
+            .map_err(PairRejection::Registration)?;
+        // Covariances of registration are good to a factor of two or so, which the gate's width allows for.
+        let allowed = 2.0 * self.config.gate_sigmas;
+        if record.sigmas > allowed {
+            return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed });
+        }
+        if candidate.kind == PairKind::Loop && self.config.verify_loops {
+            self.verification.verify(self.keyframes, candidate, &alignment.target_from_source)?;
+        }
+        let closes_loop = candidate.kind == PairKind::Loop;
+        let (target_from_source, covariance) = (alignment.target_from_source, alignment.covariance);
+        Ok(MeasuredPair { target, source, target_from_source, covariance, closes_loop })
+    }
+
+    fn register(&mut self, candidate: &Candidate, start: &Pose) -> Result<Alignment, PairRejection> {
+        let limits = self.limits(candidate);
+        let mut get = |node: usize| self.ready.get(node, &self.keyframes[node], &*self.registration);
+        let (source, target) = (get(candidate.source)?, get(candidate.target)?);
+        let result = self.registration.align(&*target, &*source, start, &limits);
+        result.map_err(|e| PairRejection::Registration(crate::slam6d::Rejection::Failed { reason: e.to_string() }))
+    }
+
+    /// A certain prediction needs no far partners, which would only mislead.
+    fn limits(&self, candidate: &Candidate) -> Limits {
+        let limits = self.sequential.limits;
+        let gate = self.config.gate_sigmas * (candidate.sigma_m + candidate.sigma_rotation * 10.0);
+        let pair_distance_m = limits.pair_distance_m.min(gate.max(LEAST_PAIR_DISTANCE_M));
+        Limits { pair_distance_m, ..limits }
+    }
+
+    /// A loop must show more than the next scan of a chain.
+    fn acceptance(&self, kind: PairKind) -> AcceptanceConfig {
+        let acceptance = self.sequential.acceptance;
+        match kind {
+            PairKind::Overlap => acceptance,
+            PairKind::Loop => {
+                AcceptanceConfig { min_overlap: acceptance.min_overlap.max(self.config.min_loop_overlap), ..acceptance }
+            }
+        }
+    }
+}
+
+/// The Mahalanobis distance of what was found from what was predicted.
+fn distance_in_sigmas(candidate: &Candidate, alignment: &Alignment) -> f64 {
+    let error = log(&(candidate.predicted.inverse() * alignment.target_from_source));
+    let covariance: Covariance = candidate.covariance + alignment.covariance;
+    covariance.cholesky().map_or(f64::INFINITY, |factor| error.dot(&factor.solve(&error)).max(0.0).sqrt())
+}
