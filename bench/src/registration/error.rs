@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use mirador_core::formats::FormatError;
+use mirador_core::formats::{FormatError, WriteError};
 use mirador_core::registration::{ConfigError, RegistryError};
 use mirador_core::simulation::{CompileError, ScanError, ScannerConfigError};
+use mirador_core::slam6d::pose_graph::{EdgeError, OptimiseError};
 
 /// Why the registration benchmark could not be run. Peers that are absent or fail are no error: they are reported and
 /// left out.
@@ -35,6 +36,21 @@ pub enum RegistrationBenchError {
         /// What is wrong with it.
         reason: String,
     },
+    /// A pose graph cannot be built.
+    #[error(transparent)]
+    Edge(#[from] EdgeError),
+    /// A pose graph cannot be optimised.
+    #[error(transparent)]
+    Optimise(#[from] OptimiseError),
+    /// A file for a peer cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+    /// A temporary folder cannot be made.
+    #[error("a temporary folder: {reason}")]
+    Temporary {
+        /// What the system says.
+        reason: String,
+    },
     /// The simulated scene cannot be built.
     #[error(transparent)]
     Scene(#[from] CompileError),
@@ -50,4 +66,10 @@ pub enum RegistrationBenchError {
         /// Why not.
         reason: String,
     },
+}
+
+impl RegistrationBenchError {
+    pub(super) fn temporary(error: &std::io::Error) -> Self {
+        Self::Temporary { reason: error.to_string() }
+    }
 }

@@ -15,11 +15,18 @@
 //!   the peer's fastest.
 //! - `sequence`: scans in a row; params method, data, threads, peer, prior (odometry or none), per (sequence: the time of
 //!   all scans; frame: the time of each but the first); error of the trajectory, first poses laid on each other.
+//! - `relaxation`: a pose graph from memory to its optimum; sums of squares as g2o reckons them.
+//! - `loop`: the time of each scan of the source's scanner (720 sweeps of 541 beams) on a tour around a block of simulated
+//!   houses, loops and corrections included.
+//! - `growth`: the time of a scan, and the memory, when the map of a long simulated drive has so many scans. Scans that
+//!   looked for a loop are set apart.
 
 mod contest;
 mod data;
 mod error;
+mod growth;
 mod literature;
+mod mapper;
 mod options;
 mod ours;
 mod pair;
@@ -27,7 +34,10 @@ mod peer_process;
 mod peers;
 mod print;
 mod ratio;
+mod relaxation;
 mod sequence;
+mod simulated;
+mod tour;
 
 pub use data::{Accuracy, PairData, SequenceData};
 pub use error::RegistrationBenchError;
@@ -35,6 +45,7 @@ use mirador_core::registration::{RegistrationConfig, Registry};
 pub use options::{Case, RegistrationOptions};
 pub use peer_process::{PeerError, PeerProcess};
 pub use print::print_comparison;
+pub use simulated::{SimulatedDrive, long_drive, tour_around_a_block};
 
 use crate::{BenchReport, Machine};
 
@@ -53,6 +64,8 @@ pub fn run(
 ) -> Result<BenchReport, RegistrationBenchError> {
     options.validate()?;
     let methods = methods(options, registry)?;
+    // Whole maps are measured with the method that users get, unless they name others.
+    let chain = if options.methods.is_empty() { vec![ours::DEFAULT_METHOD.to_owned()] } else { methods.clone() };
     let machine = Machine::here();
     let peers = peers::Peers::start(options, &THREADS, say);
     let mut rows = Vec::new();
@@ -60,9 +73,16 @@ pub fn run(
         rows.extend(pair::rows(options, registry, &methods, &peers, say)?);
     }
     if options.wants(Case::Sequence) {
-        // The whole chain is measured with what users get, unless they name methods.
-        let chain = if options.methods.is_empty() { vec![ours::DEFAULT_METHOD.to_owned()] } else { methods };
         rows.extend(sequence::rows(options, registry, &chain, &peers, say)?);
+    }
+    if options.wants(Case::Relaxation) {
+        rows.extend(relaxation::rows(options, &peers, say)?);
+    }
+    if options.wants(Case::Loop) {
+        rows.extend(tour::rows(options, registry, &chain, say)?);
+    }
+    if options.wants(Case::Growth) {
+        rows.extend(growth::rows(options, registry, &chain, say)?);
     }
     if rows.is_empty() {
         let reason = format!("no data at {}; name its folder by --data or MIRADOR_DATA", options.data.display());
@@ -88,7 +108,12 @@ mod tests {
     use super::*;
 
     fn options() -> RegistrationOptions {
-        RegistrationOptions { python: None, data: "/no/such/folder".into(), ..RegistrationOptions::default() }
+        RegistrationOptions {
+            python: None,
+            data: "/no/such/folder".into(),
+            cases: vec![Case::Pair, Case::Sequence],
+            ..RegistrationOptions::default()
+        }
     }
 
     #[test]

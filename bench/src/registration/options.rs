@@ -12,11 +12,17 @@ pub enum Case {
     Pair,
     /// Recorded scans in a row.
     Sequence,
+    /// Pose graphs brought to their optimum.
+    Relaxation,
+    /// The scans of the source's scanner around a block of houses.
+    Loop,
+    /// A long drive: time and memory as the map grows.
+    Growth,
 }
 
 impl Case {
     /// All of them, in the order of the report.
-    pub const ALL: [Self; 2] = [Self::Pair, Self::Sequence];
+    pub const ALL: [Self; 5] = [Self::Pair, Self::Sequence, Self::Relaxation, Self::Loop, Self::Growth];
 
     /// Its name on the command line and in the report.
     #[must_use]
@@ -24,6 +30,9 @@ impl Case {
         match self {
             Self::Pair => "pair",
             Self::Sequence => "sequence",
+            Self::Relaxation => "relaxation",
+            Self::Loop => "loop",
+            Self::Growth => "growth",
         }
     }
 }
@@ -49,6 +58,8 @@ pub struct RegistrationOptions {
     pub methods: Vec<String>,
     /// Kinds of rows.
     pub cases: Vec<Case>,
+    /// Scans of the drive of `growth`.
+    pub growth_scans: usize,
     /// The folder of the data sets, or one folder with source, target and target_from_source.txt.
     pub data: PathBuf,
     /// The Python that has the peers; without one they are left out.
@@ -61,6 +72,7 @@ impl Default for RegistrationOptions {
             repetitions: 11,
             methods: Vec::new(),
             cases: Case::ALL.to_vec(),
+            growth_scans: 4000,
             data: default_data(),
             python: Some(default_python()),
         }
@@ -76,6 +88,10 @@ impl RegistrationOptions {
         if !(1..=10_000).contains(&self.repetitions) {
             let reason = format!("{} is not between 1 and 10000", self.repetitions);
             return Err(RegistrationBenchError::BadOption { field: "repetitions", reason });
+        }
+        if !(10..=100_000).contains(&self.growth_scans) {
+            let reason = format!("{} is not between 10 and 100000", self.growth_scans);
+            return Err(RegistrationBenchError::BadOption { field: "growth_scans", reason });
         }
         Ok(())
     }

@@ -64,6 +64,17 @@ pub(super) struct SequenceAnswer {
     pub poses: Vec<Pose>,
 }
 
+/// What a peer found for a pose graph.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub(super) struct GraphAnswer {
+    pub ms: f64,
+    #[serde(default)]
+    pub parts: BTreeMap<String, f64>,
+    #[serde(deserialize_with = "poses")]
+    pub poses: Vec<Pose>,
+    pub iterations: Option<u64>,
+}
+
 fn pose<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Pose, D::Error> {
     let rows = <[f64; 16]>::deserialize(deserializer)?;
     rigid(&rows)

@@ -1,6 +1,7 @@
 //! The peers from PyPI, one Python process each, and what they are asked.
 
 use std::cell::RefCell;
+use std::path::Path;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -8,11 +9,12 @@ use mirador_core::geometry::{Pose, rows_from_pose};
 use mirador_core::scan::Point;
 use serde_json::json;
 
-use super::RegistrationOptions;
 use super::contest::{Contestant, Sample};
 use super::data::{PairData, SequenceData};
-use super::ours::SequenceRun;
-use super::peer_process::{PairAnswer, PeerError, PeerProcess, SequenceAnswer};
+use super::mapper::SequenceRun;
+use super::peer_process::{GraphAnswer, PairAnswer, PeerError, PeerProcess, SequenceAnswer};
+use super::relaxation::GraphRun;
+use super::{Case, RegistrationOptions};
 
 /// The longest a peer may take for one answer; the slowest of them need a second for each of 45 scans.
 const PATIENCE: Duration = Duration::from_secs(240);
@@ -24,10 +26,14 @@ const NEIGHBOURS: usize = 10;
 
 const PROTOCOL: &str = include_str!("../../peers/protocol.py");
 const SMALL_GICP: &str = include_str!("../../peers/small_gicp_peer.py");
+const GTSAM: &str = include_str!("../../peers/gtsam_peer.py");
 const KISS_ICP: &str = include_str!("../../peers/kiss_icp_peer.py");
 
 /// The methods of small_gicp that are compared.
 const SMALL_GICP_METHODS: [&str; 3] = ["GICP", "VGICP", "PLANE_ICP"];
+
+/// The optimisers of GTSAM that are compared.
+pub(super) const GTSAM_METHODS: [&str; 2] = ["GaussNewton", "LevenbergMarquardt"];
 
 /// A process that several contestants share; it is gone once it has failed.
 type Shared = Rc<RefCell<Option<PeerProcess>>>;
@@ -37,6 +43,7 @@ pub(super) struct Peers {
     small_gicp: Shared,
     /// One process for each number of threads, since TBB takes it from the first call in a process.
     kiss_icp: Vec<(usize, Shared)>,
+    gtsam: Shared,
 }
 
 impl Peers {
@@ -60,14 +67,16 @@ impl Peers {
                 }
             }
         };
-        let small_gicp = start("small_gicp", SMALL_GICP);
+        let clouds = options.wants(Case::Pair) || options.wants(Case::Sequence);
+        let small_gicp = if clouds { start("small_gicp", SMALL_GICP) } else { None };
         let mut kiss_icp = Vec::new();
-        for threads in threads {
+        for threads in threads.iter().filter(|_| options.wants(Case::Sequence)) {
             // Where it is not installed, saying so once is enough.
             let Some(peer) = start("kiss_icp", KISS_ICP) else { break };
-            kiss_icp.push((*threads, Rc::new(RefCell::new(Some(peer)))));
+            kiss_icp.push((*threads, shared(Some(peer))));
         }
-        Self { small_gicp: Rc::new(RefCell::new(small_gicp)), kiss_icp }
+        let gtsam = if options.wants(Case::Relaxation) { start("gtsam", GTSAM) } else { None };
+        Self { small_gicp: shared(small_gicp), kiss_icp, gtsam: shared(gtsam) }
     }
 
     /// Everyone who aligns pairs, with this number of threads.
@@ -108,10 +117,39 @@ impl Peers {
         peer.borrow().as_ref().map(|peer| peer.version.clone())
     }
 
+    /// An optimiser of GTSAM on a graph of so many nodes in a g2o file; `None` when it is not there or failed.
+    pub fn relax(&self, method: &str, file: &Path, nodes: usize, say: &mut dyn FnMut(&str)) -> Option<GraphRun> {
+        let mut slot = self.gtsam.borrow_mut();
+        let answer = slot.as_mut()?.ask::<GraphAnswer>("relax", &json!({"file": file, "method": method}));
+        let failure = match answer {
+            Ok(a) if a.poses.len() == nodes => {
+                return Some(GraphRun { ms: a.ms, parts: a.parts, poses: a.poses, iterations: a.iterations });
+            }
+            Ok(a) => format!("{} poses of {nodes}", a.poses.len()),
+            Err(error) => {
+                if error.is_fatal() {
+                    *slot = None;
+                }
+                error.to_string()
+            }
+        };
+        say(&format!("gtsam {method} is left out: {failure}"));
+        None
+    }
+
+    /// Version of GTSAM, if it is there.
+    pub fn gtsam_version(&self) -> Option<String> {
+        self.gtsam.borrow().as_ref().map(|peer| peer.version.clone())
+    }
+
     /// Version of small_gicp, if it is there.
     pub fn small_gicp_version(&self) -> Option<String> {
         self.small_gicp.borrow().as_ref().map(|peer| peer.version.clone())
     }
+}
+
+fn shared(peer: Option<PeerProcess>) -> Shared {
+    Rc::new(RefCell::new(peer))
 }
 
 /// Asks about a data set, which is loaded first; a process that has failed is dropped.

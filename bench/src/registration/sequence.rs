@@ -3,12 +3,13 @@
 use std::collections::BTreeMap;
 
 use mirador_core::registration::Registry;
+use mirador_core::slam6d::global::CorrectionMethod;
 use mirador_core::slam6d::trajectory_error;
 use serde_json::{Value, json};
 
 use super::contest::{median, median_parts};
 use super::data::{SequenceData, kitti_error_m, read_handheld, read_kitti};
-use super::ours::{self, SequenceRun};
+use super::mapper::{SequenceRun, align_sequence};
 use super::peers::Peers;
 use super::{RegistrationBenchError, RegistrationOptions, THREADS, literature};
 use crate::{Provenance, Row, Summary};
@@ -16,6 +17,10 @@ use crate::{Provenance, Row, Summary};
 /// Voxel edges of KISS-ICP [m]: its default outdoors, and half of it for the narrow handheld scenes.
 const KISS_VOXEL_M: f64 = 1.0;
 const KISS_HANDHELD_VOXEL_M: f64 = 0.5;
+
+/// How older scans are corrected, and what is added to the method's name for it.
+const CORRECTIONS: [(CorrectionMethod, &str); 2] =
+    [(CorrectionMethod::Off, " chain"), (CorrectionMethod::PoseGraph, " + pose graph")];
 
 /// Whose run, and how.
 #[derive(Debug, Clone, PartialEq)]
@@ -64,8 +69,11 @@ fn handheld(
         say(&format!("sequence {}: repetition {}", data.name, repetition + 1));
         for threads in THREADS {
             for method in methods {
-                let run = ours::align_sequence(registry, method, threads, data)?;
-                add(&mut runs, Entrant { method: method.clone(), threads, prior: "odometry", version: None }, run);
+                for (correction, name) in CORRECTIONS {
+                    let run = align_sequence(registry, method, threads, correction, data)?;
+                    let method = format!("{method}{name}");
+                    add(&mut runs, Entrant { method, threads, prior: "odometry", version: None }, run);
+                }
             }
             if let Some(run) = peers.align_chain(threads, data, say) {
                 let (method, version) = ("small_gicp GICP chain".into(), peers.small_gicp_version());

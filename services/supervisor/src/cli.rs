@@ -198,7 +198,7 @@ pub enum BenchCommand {
         #[arg(long, value_name = "MS")]
         pace_ms: Option<f64>,
     },
-    /// Speed and error of every registration method, beside small_gicp and KISS-ICP from PyPI.
+    /// Speed and error of every registration method, beside small_gicp, KISS-ICP and GTSAM from PyPI.
     Registration(BenchRegistrationArgs),
 }
 
@@ -214,9 +214,12 @@ pub struct BenchRegistrationArgs {
     /// Our methods to measure, for example point_to_plane,gicp [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub methods: Vec<String>,
-    /// What to measure: pair, sequence [default: all].
+    /// What to measure: pair, sequence, relaxation, loop, growth [default: all].
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
     pub cases: Vec<String>,
+    /// Scans of the drive of `growth` [default: 4000].
+    #[arg(long, value_name = "N")]
+    pub growth_scans: Option<usize>,
     /// Folder of the data sets, or of one pair (target.*, source.*, target_from_source.txt) [default: MIRADOR_DATA,
     /// else ../shared/data beside the project].
     #[arg(long, value_name = "PATH")]

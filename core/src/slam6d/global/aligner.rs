@@ -160,10 +160,9 @@ impl GlobalAligner {
 
     fn replay(&mut self, entry: &CorrectionEntry) -> Result<(), MapRestoreError> {
         for pair in &entry.pairs {
-            self.map.add_pair(pair).map_err(|e| MapRestoreError::Journal {
-                scan_id: entry.scan_id,
-                reason: e.to_string(),
-            })?;
+            self.map
+                .add_pair(pair)
+                .map_err(|e| MapRestoreError::Journal { scan_id: entry.scan_id, reason: e.to_string() })?;
         }
         self.map.take_correction(entry, entry.pairs.len());
         Ok(())

@@ -54,10 +54,10 @@ impl Keyframe {
     /// Everything else follows from the packed points, so that it is the same before and after a restart.
     fn from_packed(step_m: f32, packed: Box<[u64]>) -> Self {
         let points: Vec<[f32; 3]> = packed.iter().map(|point| unpack(*point, step_m)).collect();
-        let mut ranges: Vec<f64> = points.iter().map(|p| f64::from(p[0]).hypot(p[1].into()).hypot(p[2].into())).collect();
+        let mut ranges: Vec<f64> =
+            points.iter().map(|p| f64::from(p[0]).hypot(p[1].into()).hypot(p[2].into())).collect();
         let index = ((ranges.len() as f64 * RANGE_SHARE) as usize).min(ranges.len().saturating_sub(1));
-        let range_m =
-            if ranges.is_empty() { 0.0 } else { *ranges.select_nth_unstable_by(index, f64::total_cmp).1 };
+        let range_m = if ranges.is_empty() { 0.0 } else { *ranges.select_nth_unstable_by(index, f64::total_cmp).1 };
         Self { step_m, packed, footprint: Footprint::new(&points), range_m }
     }
 

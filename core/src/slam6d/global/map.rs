@@ -6,7 +6,7 @@ use super::journal::{CorrectionEntry, MeasuredPair, ScanEntry};
 use super::keyframe::Keyframe;
 use super::positions::Positions;
 use super::uncertainty::Uncertainty;
-use super::{PoseCorrection, MapRestoreError};
+use super::{MapRestoreError, PoseCorrection};
 use crate::geometry::{Covariance, Pose};
 use crate::slam6d::pose_graph::{Edge, EdgeError, EdgeKind};
 
@@ -89,7 +89,13 @@ impl Map {
     }
 
     /// The chain must not break, whatever the covariance.
-    fn add_sequential(&mut self, from: usize, to: usize, motion: Pose, covariance: Covariance) -> Result<(), EdgeError> {
+    fn add_sequential(
+        &mut self,
+        from: usize,
+        to: usize,
+        motion: Pose,
+        covariance: Covariance,
+    ) -> Result<(), EdgeError> {
         let fallback = Covariance::identity() * FALLBACK_SIGMA.powi(2);
         let edge = Edge::with_covariance(from, to, motion, &covariance, EdgeKind::Sequential)
             .or_else(|_| Edge::with_covariance(from, to, motion, &fallback, EdgeKind::Sequential))?;

@@ -34,11 +34,8 @@ pub(super) fn solve(map: &Map, new: usize, config: &GlobalConfig) -> Result<Opti
         let error = crate::geometry::log(&disagreement(map, edge));
         edge.kind == EdgeKind::LoopClosure && error.dot(&(edge.information * error)) > NEWS_CHI2
     };
-    let first_free = if newest.iter().any(tells_news) {
-        1
-    } else {
-        map.poses.len().saturating_sub(config.window_scans).max(1)
-    };
+    let first_free =
+        if newest.iter().any(tells_news) { 1 } else { map.poses.len().saturating_sub(config.window_scans).max(1) };
     solve_from(map, first_free, config).map(Some)
 }
 

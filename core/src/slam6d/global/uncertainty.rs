@@ -77,9 +77,9 @@ impl Uncertainty {
     /// An upper bound of the covariance of a node's pose, on the right, in its own frame.
     pub fn of(&self, node: usize, map_from_node: &Pose) -> Covariance {
         let inverse = adjoint(&map_from_node.inverse());
-        self.nodes.get(node).map_or_else(Covariance::zeros, |branch| {
-            symmetric(&(inverse * branch.sum * inverse.transpose()))
-        })
+        self.nodes
+            .get(node)
+            .map_or_else(Covariance::zeros, |branch| symmetric(&(inverse * branch.sum * inverse.transpose())))
     }
 }
 

@@ -73,7 +73,13 @@ fn profile() {
     let solved = graph.analyse().map_err(|_| ()).unwrap();
     println!("analyse {:?}", begin.elapsed());
     let mut workspace = solved.workspace;
-    println!("unknowns {} nnz {} factor {} supernodes {}", workspace.solver.structure.unknowns(), workspace.solver.values.len(), workspace.solver.structure.symbolic.len_val(), workspace.solver.structure.symbolic.n_supernodes());
+    println!(
+        "unknowns {} nnz {} factor {} supernodes {}",
+        workspace.solver.structure.unknowns(),
+        workspace.solver.values.len(),
+        workspace.solver.structure.symbolic.len_val(),
+        workspace.solver.structure.symbolic.n_supernodes()
+    );
     let problem = Problem { edges: &graph.edges, poses: &mut graph.poses, weights: &mut graph.weights };
     for _ in 0..3 {
         let begin = Instant::now();

@@ -60,6 +60,9 @@ fn registration_options(args: &BenchRegistrationArgs) -> Result<RegistrationOpti
     if let Some(repetitions) = args.repetitions {
         options.repetitions = repetitions;
     }
+    if let Some(scans) = args.growth_scans {
+        options.growth_scans = scans;
+    }
     if !args.cases.is_empty() {
         let cases: Result<Vec<Case>, _> = args.cases.iter().map(|name| name.parse()).collect();
         options.cases = cases.map_err(|error: RegistrationBenchError| UsageError(error.to_string()))?;

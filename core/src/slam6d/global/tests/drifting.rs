@@ -7,9 +7,7 @@ use nalgebra::Vector3;
 use super::*;
 use crate::geometry::{Covariance, Twist, exp};
 use crate::registration::test_scenes::{Rectangle, scan_of};
-use crate::registration::{
-    AlignError, Alignment, Limits, PrepareError, PreparedScan, RegistrationConfig, Registry,
-};
+use crate::registration::{AlignError, Alignment, Limits, PrepareError, PreparedScan, RegistrationConfig, Registry};
 use crate::scan::Grid;
 
 /// The default method.
@@ -104,9 +102,9 @@ fn around() -> Vec<Pose> {
         let (from, to) = (Vector3::from([corners[side % 4][0], corners[side % 4][1], 0.0]), corners[(side + 1) % 4]);
         let ahead = Vector3::new(to[0] - from.x, to[1] - from.y, 0.0).normalize();
         let steps = if side == 4 { 4 } else { 16 };
-        walk.extend((0..steps).map(|k| {
-            Pose::new(from + ahead * 2.0 * f64::from(k), Vector3::z() * ahead.y.atan2(ahead.x))
-        }));
+        walk.extend(
+            (0..steps).map(|k| Pose::new(from + ahead * 2.0 * f64::from(k), Vector3::z() * ahead.y.atan2(ahead.x))),
+        );
     }
     walk
 }
@@ -127,8 +125,13 @@ fn a_loop_far_off_is_found_by_coarse_alignment_and_closed() {
         for pair in record.pairs.iter().filter(|p| p.kind == PairKind::Loop) {
             println!(
                 "{k} with {}: {:?}, sigma {:.2} m {:.3}, overlap {:.2}, {:.1} sigmas: {:?}",
-                pair.target_id, pair.start, pair.predicted_sigma_m, pair.predicted_sigma_rotation, pair.overlap,
-                pair.sigmas, pair.rejected
+                pair.target_id,
+                pair.start,
+                pair.predicted_sigma_m,
+                pair.predicted_sigma_rotation,
+                pair.overlap,
+                pair.sigmas,
+                pair.rejected
             );
             closed += usize::from(pair.start == PairStart::Coarse && pair.rejected.is_none());
         }

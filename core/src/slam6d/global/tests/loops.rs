@@ -96,16 +96,19 @@ fn false_loops_are_rejected_or_switched_off() {
         for (gate_sigmas, reach) in [(3.0, 1.0), (30.0, 3.0)] {
             let config = GlobalConfig { gate_sigmas, reach, ..config(CorrectionMethod::PoseGraph) };
             let (found, records) = survey(&script, &config);
-            let is_false = |pair: &&PairRecord| {
-                script.alike.contains_key(&(pair.target_id as usize, pair.source_id as usize))
-            };
+            let is_false =
+                |pair: &&PairRecord| script.alike.contains_key(&(pair.target_id as usize, pair.source_id as usize));
             let pairs = || records.iter().flat_map(|record| &record.pairs);
             let tried = pairs().filter(is_false).count();
             let accepted = pairs().filter(is_false).filter(|pair| pair.rejected.is_none());
             let accepted: Vec<(u64, u64)> = accepted.map(|pair| (pair.target_id, pair.source_id)).collect();
             let off = &records.last().unwrap().switched_off;
             let (error, true_error) = (rmse(&found, &script.truth), rmse(&chain(&script), &script.truth));
-            println!("seed {seed}, gate {gate_sigmas}: {tried} tried, {} accepted, {} off, {error:.3} m of {true_error:.3}", accepted.len(), off.len());
+            println!(
+                "seed {seed}, gate {gate_sigmas}: {tried} tried, {} accepted, {} off, {error:.3} m of {true_error:.3}",
+                accepted.len(),
+                off.len()
+            );
             assert!(accepted.iter().all(|pair| off.contains(pair)), "{accepted:?} {off:?}");
             assert!(error < 0.6 * true_error);
             if gate_sigmas > 10.0 {

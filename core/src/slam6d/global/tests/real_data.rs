@@ -33,8 +33,15 @@ fn the_handheld_sequence_is_relaxed() {
         for p in &record.pairs {
             println!(
                 "{k}: {:?} {} overlap {:.2} of {:.2} residual {:.3} sigma {:.3} m {:.4}: {:.1} sigmas {:?}",
-                p.kind, p.target_id, p.overlap, p.predicted_overlap, p.residual_m, p.predicted_sigma_m,
-                p.predicted_sigma_rotation, p.sigmas, p.rejected
+                p.kind,
+                p.target_id,
+                p.overlap,
+                p.predicted_overlap,
+                p.residual_m,
+                p.predicted_sigma_m,
+                p.predicted_sigma_rotation,
+                p.sigmas,
+                p.rejected
             );
         }
         println!("{k}: {} candidates, {:?} {} moved", record.candidates, record.relaxation, record.corrections.len());
@@ -44,5 +51,10 @@ fn the_handheld_sequence_is_relaxed() {
     println!("as published first: {:.3?}", trajectory_error(&chain, &truth).unwrap());
     println!("relaxed: {:.3?}", trajectory_error(&estimate, &truth).unwrap());
     println!("pair {:?}, correction {:?}, total {total:?}", median(&mut pair), median(&mut correction));
-    println!("keyframe {} bytes of {} points, {} in all", aligner.keyframe_bytes(), aligner.keyframe_points(), aligner.bytes());
+    println!(
+        "keyframe {} bytes of {} points, {} in all",
+        aligner.keyframe_bytes(),
+        aligner.keyframe_points(),
+        aligner.bytes()
+    );
 }

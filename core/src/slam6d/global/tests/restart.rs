@@ -117,8 +117,15 @@ fn a_journal_that_does_not_fit_is_refused() {
     let restore = |journal: Vec<Journalled>| {
         let method = Box::new(Scripted(Arc::clone(&script)));
         let (sequential, target) = (SequentialConfig::default(), Some(ScanView::unordered(&scans[4])));
-        let restored =
-            GlobalAligner::restore(method, sequential, GlobalConfig::default(), SPACING_M, state.clone(), target, journal);
+        let restored = GlobalAligner::restore(
+            method,
+            sequential,
+            GlobalConfig::default(),
+            SPACING_M,
+            state.clone(),
+            target,
+            journal,
+        );
         restored.map(|_| ())
     };
     restore(journal.clone()).unwrap();
