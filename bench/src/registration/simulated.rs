@@ -107,7 +107,7 @@ fn on_serpentine(metres: f64) -> ScanPose {
     let lap = STREET_LENGTH_M + half_turn;
     let street = (metres / lap).floor();
     let along = metres - street * lap;
-    let is_up = street as u64 % 2 == 0;
+    let is_up = (street as u64).is_multiple_of(2);
     let (ahead, x0) = (if is_up { 1.0 } else { -1.0 }, if is_up { 0.0 } else { STREET_LENGTH_M });
     let y = street * STREET_DISTANCE_M;
     if along <= STREET_LENGTH_M {
