@@ -15,6 +15,8 @@ mod threads;
 pub mod surface;
 
 pub mod registration;
+
+pub mod odometry;
 pub mod slam6d;
 
 pub mod analysis;
