@@ -27,6 +27,7 @@ mod error;
 mod growth;
 mod literature;
 mod mapper;
+mod odometry;
 mod options;
 mod ours;
 mod pair;

@@ -11,7 +11,7 @@ use super::contest::{median, median_parts};
 use super::data::{SequenceData, kitti_error_m, read_handheld, read_kitti};
 use super::mapper::{SequenceRun, align_sequence};
 use super::peers::Peers;
-use super::{RegistrationBenchError, RegistrationOptions, THREADS, literature};
+use super::{RegistrationBenchError, RegistrationOptions, THREADS, literature, odometry};
 use crate::{Provenance, Row, Summary};
 
 /// Voxel edges of KISS-ICP [m]: its default outdoors, and half of it for the narrow handheld scenes.
@@ -48,7 +48,7 @@ pub(super) fn rows(
     }
     let folder = options.data.join("kitti00_first6");
     if folder.is_dir() {
-        rows.extend(kitti(options, peers, &read_kitti(&folder)?, say));
+        rows.extend(kitti(options, peers, &read_kitti(&folder)?, say)?);
     } else {
         say(&format!("no data at {}: its rows are left out", folder.display()));
     }
@@ -75,6 +75,7 @@ fn handheld(
                     add(&mut runs, Entrant { method, threads, prior: "odometry", version: None }, run);
                 }
             }
+            add(&mut runs, ours_without_priors(threads), odometry::follow(threads, data)?);
             if let Some(run) = peers.align_chain(threads, data, say) {
                 let (method, version) = ("small_gicp GICP chain".into(), peers.small_gicp_version());
                 add(&mut runs, Entrant { method, threads, prior: "odometry", version }, run);
@@ -95,18 +96,28 @@ fn handheld(
 }
 
 /// The frames of KITTI, where what counts is the time of a frame.
-fn kitti(options: &RegistrationOptions, peers: &Peers, data: &SequenceData, say: &mut dyn FnMut(&str)) -> Vec<Row> {
+fn kitti(
+    options: &RegistrationOptions,
+    peers: &Peers,
+    data: &SequenceData,
+    say: &mut dyn FnMut(&str),
+) -> Result<Vec<Row>, RegistrationBenchError> {
     let mut runs: Vec<(Entrant, Vec<SequenceRun>)> = Vec::new();
     say(&format!("sequence {}: {} frames", data.name, data.scans.len()));
     for _ in 0..options.repetitions {
         for threads in THREADS {
+            add(&mut runs, ours_without_priors(threads), odometry::follow(threads, data)?);
             if let Some(run) = peers.odometry(threads, KISS_VOXEL_M, data, say) {
                 let (method, version) = ("kiss_icp".into(), peers.kiss_icp_version());
                 add(&mut runs, Entrant { method, threads, prior: "none", version }, run);
             }
         }
     }
-    runs.iter().filter_map(|(entrant, runs)| frame_row(data, entrant, runs)).collect()
+    Ok(runs.iter().filter_map(|(entrant, runs)| frame_row(data, entrant, runs)).collect())
+}
+
+fn ours_without_priors(threads: usize) -> Entrant {
+    Entrant { method: odometry::METHOD.into(), threads, prior: "none", version: None }
 }
 
 fn add(runs: &mut Vec<(Entrant, Vec<SequenceRun>)>, entrant: Entrant, run: SequenceRun) {
