@@ -38,11 +38,18 @@ impl Summary {
     /// The percentiles of durations in ns, in us; none without samples.
     #[must_use]
     pub fn of_ns_in_us(samples: &[u64]) -> Option<Self> {
+        let in_us: Vec<f64> = samples.iter().map(|ns| *ns as f64 / 1e3).collect();
+        Self::of(&in_us)
+    }
+
+    /// The percentiles of samples in any unit; none without samples.
+    #[must_use]
+    pub fn of(samples: &[f64]) -> Option<Self> {
         let mut sorted = samples.to_vec();
-        sorted.sort_unstable();
+        sorted.sort_unstable_by(f64::total_cmp);
         let rank = |percent: usize| {
             let position = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
-            sorted.get(position).map(|ns| *ns as f64 / 1e3)
+            sorted.get(position).copied()
         };
         Some(Self { n: sorted.len(), p50: rank(50)?, p90: rank(90)?, p99: rank(99)?, max: rank(100)? })
     }
@@ -155,20 +162,26 @@ fn text(value: Option<&Value>) -> String {
         None => "-".into(),
         Some(Value::String(text)) => text.clone(),
         Some(Value::Number(n)) if n.is_f64() => number(n.as_f64().unwrap_or(f64::NAN)),
+        Some(Value::Null) => "-".into(),
+        Some(Value::Object(parts)) => {
+            let parts: Vec<String> = parts.iter().map(|(key, part)| format!("{key} {}", text(Some(part)))).collect();
+            parts.join(", ")
+        }
         Some(other) => other.to_string(),
     }
 }
 
-/// Three or more significant digits, never an exponent: figures of one column are to be compared by eye.
-fn number(x: f64) -> String {
+/// Two or more significant digits, never an exponent: figures of one column are to be compared by eye.
+pub(crate) fn number(x: f64) -> String {
     match x.abs() {
         a if a >= 100.0 => format!("{x:.0}"),
         a if a >= 10.0 => format!("{x:.1}"),
-        _ => format!("{x:.2}"),
+        a if !(1e-9..0.1).contains(&a) => format!("{x:.2}"),
+        a => format!("{x:.*}", 1 + (-a.log10()).ceil() as usize),
     }
 }
 
-fn print_aligned(out: &mut dyn Write, lines: &[Vec<String>]) -> io::Result<()> {
+pub(crate) fn print_aligned(out: &mut dyn Write, lines: &[Vec<String>]) -> io::Result<()> {
     let columns = lines.first().map_or(0, Vec::len);
     let width = |c: usize| lines.iter().filter_map(|line| line.get(c)).map(|cell| cell.chars().count()).max();
     let widths: Vec<usize> = (0..columns).map(|c| width(c).unwrap_or(0)).collect();
@@ -207,6 +220,18 @@ mod tests {
         let one = Summary::of_ns_in_us(&[7000]).unwrap();
         assert_eq!((one.p50, one.p99, one.max), (7.0, 7.0, 7.0));
         assert_eq!(Summary::of_ns_in_us(&[]), None);
+    }
+
+    #[test]
+    fn small_numbers_keep_two_digits() {
+        let shown = [0.0, 0.00062, 0.0123, 0.5, 0.987, 1.234, 56.78, 1234.5, -0.004].map(number);
+        assert_eq!(shown, ["0.00", "0.00062", "0.012", "0.50", "0.99", "1.23", "56.8", "1234", "-0.0040"]);
+    }
+
+    #[test]
+    fn parts_are_printed_as_words() {
+        assert_eq!(text(Some(&json!({"prepare": 12.345, "align": 6.0}))), "align 6.00, prepare 12.3");
+        assert_eq!(text(Some(&Value::Null)), "-");
     }
 
     #[test]

@@ -198,6 +198,38 @@ pub enum BenchCommand {
         #[arg(long, value_name = "MS")]
         pace_ms: Option<f64>,
     },
+    /// Speed and error of every registration method, beside small_gicp, KISS-ICP and GTSAM from PyPI.
+    Registration(BenchRegistrationArgs),
+}
+
+/// Arguments of `bench registration`.
+#[derive(Debug, Clone, Args)]
+pub struct BenchRegistrationArgs {
+    /// Write the figures to this file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Runs of every method on every pair, apart from one for warming up [default: 11]; sequences run a quarter as often.
+    #[arg(long, value_name = "N")]
+    pub repetitions: Option<usize>,
+    /// Our methods to measure, for example point_to_plane,gicp [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub methods: Vec<String>,
+    /// What to measure: pair, sequence, relaxation, loop, growth [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub cases: Vec<String>,
+    /// Scans of the drive of `growth` [default: 4000].
+    #[arg(long, value_name = "N")]
+    pub growth_scans: Option<usize>,
+    /// Folder of the data sets, or of one pair (target.*, source.*, target_from_source.txt) [default: MIRADOR_DATA,
+    /// else ../shared/data beside the project].
+    #[arg(long, value_name = "PATH")]
+    pub data: Option<PathBuf>,
+    /// Leave the peers out.
+    #[arg(long)]
+    pub no_peers: bool,
+    /// Python in which the peers are installed [default: MIRADOR_PYTHON, else python3].
+    #[arg(long, value_name = "PROGRAM")]
+    pub python: Option<PathBuf>,
 }
 
 /// Sends log lines to standard error.

@@ -4,10 +4,13 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
-use mirador_bench::ipc::{IpcOptions, run};
+use mirador_bench::BenchReport;
+use mirador_bench::ipc::{self, IpcOptions};
+use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
 use mirador_ipc_schema::StopSignal;
 
-use crate::{EXIT_DONE, UsageError};
+use crate::cli::BenchRegistrationArgs;
+use crate::{EXIT_DONE, Registry, UsageError};
 
 /// Latency between two processes.
 pub fn ipc(json: Option<&Path>, messages: Option<usize>, pace_ms: Option<f64>) -> Result<u8> {
@@ -27,11 +30,64 @@ pub fn ipc(json: Option<&Path>, messages: Option<usize>, pace_ms: Option<f64>) -
         options.pace =
             pace.map_err(|_| UsageError(format!("--pace-ms {ms}: give a time of 0 or more milliseconds")))?;
     }
-    let report = run(&options)?;
+    let report = ipc::run(&options)?;
+    keep(&report, json)?;
+    Ok(EXIT_DONE)
+}
+
+/// Speed and error of registration, beside the peers.
+pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Registry) -> Result<u8> {
+    let options = registration_options(args)?;
+    let mut say = |line: &str| {
+        if !quiet {
+            eprintln!("{line}");
+        }
+    };
+    let report = registration::run(&options, registry, &mut say).map_err(|error| match error {
+        RegistrationBenchError::BadOption { .. } | RegistrationBenchError::Registry(_) => {
+            anyhow::Error::new(UsageError(error.to_string()))
+        }
+        other => other.into(),
+    })?;
+    keep(&report, args.json.as_deref())?;
+    registration::print_comparison(&report, &mut std::io::stdout().lock())?;
+    Ok(EXIT_DONE)
+}
+
+/// The options of the benchmark; what is not given keeps its default.
+fn registration_options(args: &BenchRegistrationArgs) -> Result<RegistrationOptions> {
+    let mut options = RegistrationOptions { methods: args.methods.clone(), ..RegistrationOptions::default() };
+    if let Some(repetitions) = args.repetitions {
+        options.repetitions = repetitions;
+    }
+    if let Some(scans) = args.growth_scans {
+        options.growth_scans = scans;
+    }
+    if !args.cases.is_empty() {
+        let cases: Result<Vec<Case>, _> = args.cases.iter().map(|name| name.parse()).collect();
+        options.cases = cases.map_err(|error: RegistrationBenchError| UsageError(error.to_string()))?;
+    }
+    if let Some(data) = &args.data {
+        if !data.is_dir() {
+            return Err(UsageError(format!("--data {}: there is no such folder", data.display())).into());
+        }
+        options.data.clone_from(data);
+    }
+    if let Some(python) = &args.python {
+        options.python = Some(python.clone());
+    }
+    if args.no_peers {
+        options.python = None;
+    }
+    Ok(options)
+}
+
+/// Prints the table and writes the JSON file, if asked.
+fn keep(report: &BenchReport, json: Option<&Path>) -> Result<()> {
     report.print_table(&mut std::io::stdout().lock())?;
     if let Some(path) = json {
-        let text = serde_json::to_string_pretty(&report)?;
+        let text = serde_json::to_string_pretty(report)?;
         std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
-    Ok(EXIT_DONE)
+    Ok(())
 }
