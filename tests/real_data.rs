@@ -116,7 +116,7 @@ fn check_explain(stage: &Stage, out: &str, scans: u32) {
     assert!(all.contains(&format!("The input ended after {scans} scans")), "{all}");
     let one = stage.run_well(&["explain", out, "1"]).stdout;
     assert!(one.starts_with("Scan 1\n") && !one.contains("Scan 0") && !one.contains("Scan 2"), "{one}");
-    assert!(one.contains("accepted against scan 0 by point_to_plane") && one.contains("hypothesis 0"), "{one}");
+    assert!(one.contains("accepted against scan 0 by gicp") && one.contains("hypothesis 0"), "{one}");
     let missing = stage.run(&["explain", out, "999"]);
     assert!(!missing.status.success() && missing.stdout.is_empty());
     let said = missing.stderr.trim_end();

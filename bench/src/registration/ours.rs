@@ -12,7 +12,7 @@ use super::contest::{Contestant, Sample};
 use super::data::PairData;
 
 /// The method that the alignment service uses unless told otherwise.
-pub(super) const DEFAULT_METHOD: &str = "point_to_plane";
+pub(super) const DEFAULT_METHOD: &str = "gicp";
 
 /// The method with the settings that users get.
 pub(super) fn create(

@@ -14,6 +14,7 @@
 mod alignment;
 pub mod coarse;
 mod config;
+mod evidence;
 pub mod global;
 mod information;
 mod iteration;
@@ -26,6 +27,7 @@ mod registry;
 mod robust;
 mod symmetric3;
 mod traits;
+mod walk;
 
 #[cfg(test)]
 mod bad_input;

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::RegistrationConfig;
-use super::iteration::Gates;
+use super::evidence::Gates;
 
 /// The weight function of iteratively reweighted least squares, s the scale.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

@@ -3,8 +3,9 @@
 use super::metric::{Metrics, Settings, Sum as MetricSum};
 use super::point_to_plane::PointToPlane;
 use crate::geometry::{Pose, Twist};
+use crate::registration::evidence::{Evidence, Gates};
 use crate::registration::information::ErrorModel;
-use crate::registration::iteration::{Evidence, Gates, Minimiser};
+use crate::registration::iteration::Minimiser;
 use crate::registration::pairs::{PairSum, Pairs};
 use crate::registration::robust::Kernel;
 use crate::registration::symmetric3::{FLATNESS, inverse, quadratic, surface_covariance};

@@ -3,8 +3,8 @@
 
 use crate::geometry::{Pose, Twist};
 use crate::registration::Constraint;
+use crate::registration::evidence::{Evidence, Gates};
 use crate::registration::information::{ErrorModel, NormalEquations};
-use crate::registration::iteration::{Evidence, Gates};
 use crate::registration::pairs::{BATCH, LANES, Pairs};
 use crate::registration::robust::Kernel;
 use crate::registration::symmetric3::Symmetric3;

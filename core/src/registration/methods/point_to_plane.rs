@@ -1,8 +1,9 @@
 //! Point to plane: Chen and Medioni (1992), minimised by Gauss-Newton on SE(3) with robust weights.
 
 use crate::geometry::{Pose, Twist};
+use crate::registration::evidence::{Evidence, Gates};
 use crate::registration::information::ErrorModel;
-use crate::registration::iteration::{Evidence, Gates, Minimiser};
+use crate::registration::iteration::Minimiser;
 use crate::registration::pairs::{BATCH, PairSum, Pairs};
 use crate::registration::robust::Kernel;
 use crate::registration::{Constraint, RegistrationConfig};

@@ -5,8 +5,9 @@ use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::point_to_plane::PointToPlane;
 use crate::geometry::{self, Pose, Twist};
+use crate::registration::evidence::{Evidence, Gates};
 use crate::registration::information::ErrorModel;
-use crate::registration::iteration::{Evidence, Gates, Minimiser};
+use crate::registration::iteration::Minimiser;
 use crate::registration::pairs::{BATCH, PairSum, Pairs};
 use crate::registration::{Constraint, RegistrationConfig};
 

@@ -3,8 +3,9 @@
 
 use super::point_to_plane::{PointToPlane, Settings, Sum as PlaneSum};
 use crate::geometry::{Pose, Twist};
+use crate::registration::evidence::{Evidence, Gates};
 use crate::registration::information::ErrorModel;
-use crate::registration::iteration::{Evidence, Gates, Minimiser};
+use crate::registration::iteration::Minimiser;
 use crate::registration::pairs::{BATCH, PairSum, Pairs};
 use crate::registration::{Constraint, RegistrationConfig};
 

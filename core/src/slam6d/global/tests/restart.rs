@@ -86,7 +86,7 @@ fn yard_scans() -> Vec<Vec<Point>> {
 #[test]
 fn a_restored_aligner_with_real_registration_goes_on_with_the_same_bits() {
     let scans = yard_scans();
-    let config = GlobalConfig { correction_threshold_m: 1e-4, ..GlobalConfig::default() };
+    let config = GlobalConfig { correction_threshold_m: 1e-6, ..GlobalConfig::default() };
     let (found, expected) = restarted(&|| method(1), &config, &scans, 15, true);
     assert!(found.1.iter().flatten().any(|c| c.pairs.iter().any(|p| p.kind == PairKind::Loop)), "no loop was tried");
     assert!(found.1.iter().flatten().any(|c| !c.corrections.is_empty()), "nothing was corrected");
