@@ -24,7 +24,7 @@ pub struct AcceptanceConfig {
 
 impl Default for AcceptanceConfig {
     fn default() -> Self {
-        Self { min_overlap: 0.3, max_residual_m: 0.25, min_constrained_directions: 3 }
+        Self { min_overlap: 0.25, max_residual_m: 0.25, min_constrained_directions: 3 }
     }
 }
 
@@ -176,7 +176,7 @@ mod tests {
             Alignment { constraint: Constraint::none(0.01), ..good() },
         ];
         let [overlap, residual, steps, limit, open] = faulty.map(|alignment| judge(&alignment, true).unwrap_err());
-        assert!(matches!(overlap, Rejection::NoOverlap { .. }) && overlap.to_string().contains("0.300"), "{overlap}");
+        assert!(matches!(overlap, Rejection::NoOverlap { .. }) && overlap.to_string().contains("0.250"), "{overlap}");
         assert!(matches!(residual, Rejection::PoorFit { .. }), "{residual}");
         assert_eq!(steps, Rejection::NotConverged { iterations: 9 });
         assert!(matches!(limit, Rejection::TooFar { .. }), "{limit}");
