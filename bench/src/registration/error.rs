@@ -6,6 +6,7 @@ use mirador_core::formats::{FormatError, WriteError};
 use mirador_core::registration::{ConfigError, RegistryError};
 use mirador_core::simulation::{CompileError, ScanError, ScannerConfigError};
 use mirador_core::slam6d::pose_graph::{EdgeError, OptimiseError};
+use mirador_core::slam6d::relaxation::RelaxationError;
 
 /// Why the registration benchmark could not be run. Peers that are absent or fail are no error: they are reported and
 /// left out.
@@ -42,6 +43,9 @@ pub enum RegistrationBenchError {
     /// A pose graph cannot be optimised.
     #[error(transparent)]
     Optimise(#[from] OptimiseError),
+    /// Scans cannot be relaxed.
+    #[error(transparent)]
+    Relaxation(#[from] RelaxationError),
     /// A file for a peer cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),

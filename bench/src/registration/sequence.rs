@@ -7,6 +7,7 @@ use mirador_core::slam6d::global::CorrectionMethod;
 use mirador_core::slam6d::trajectory_error;
 use serde_json::{Value, json};
 
+use super::chain_relaxation::align_and_relax;
 use super::contest::{median, median_parts};
 use super::data::{SequenceData, kitti_error_m, read_handheld, read_kitti};
 use super::mapper::{SequenceRun, align_sequence};
@@ -72,6 +73,10 @@ fn handheld(
                 for (correction, name) in CORRECTIONS {
                     let run = align_sequence(registry, method, threads, correction, data)?;
                     let method = format!("{method}{name}");
+                    add(&mut runs, Entrant { method, threads, prior: "odometry", version: None }, run);
+                }
+                if let Some(run) = align_and_relax(registry, method, threads, data)? {
+                    let method = format!("{method} chain + relaxation");
                     add(&mut runs, Entrant { method, threads, prior: "odometry", version: None }, run);
                 }
             }

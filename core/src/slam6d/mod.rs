@@ -17,6 +17,7 @@ mod sequential;
 mod state;
 #[cfg(test)]
 mod tests;
+mod verifier;
 
 pub use acceptance::{AcceptanceConfig, Rejection};
 pub use distribution::{distribute, shares};

@@ -6,11 +6,13 @@ use nalgebra::{Matrix3, Matrix6};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::verifier::Verifier;
 use super::{
     AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
     TargetState,
 };
 use crate::geometry::{Covariance, Pose};
+use crate::registration::coarse::CoarseConfig;
 use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
 
@@ -95,6 +97,7 @@ pub struct SequentialAligner {
     config: SequentialConfig,
     state: AlignerState,
     target: Option<Arc<dyn PreparedScan>>,
+    verifier: Verifier,
 }
 
 /// An accepted pair.
@@ -104,13 +107,25 @@ struct Accepted {
 }
 
 impl SequentialAligner {
-    /// An aligner without a map; the first scan defines it.
+    /// An aligner without a map; the first scan defines it. `spacing_m` is how far the reduced points of a scan lie
+    /// apart: the voxel of its preparation.
     ///
     /// # Errors
     /// The first field of the settings out of range.
-    pub fn new(registration: Box<dyn Registration>, config: SequentialConfig) -> Result<Self, ConfigError> {
+    pub fn new(
+        registration: Box<dyn Registration>,
+        config: SequentialConfig,
+        spacing_m: f64,
+    ) -> Result<Self, ConfigError> {
         config.validate()?;
-        Ok(Self { registration, config, state: AlignerState::default(), target: None })
+        let verifier = Verifier::new(CoarseConfig::default(), spacing_m)?;
+        Ok(Self { registration, config, state: AlignerState::default(), target: None, verifier })
+    }
+
+    /// With other settings of the second look at alignments that overlap little.
+    pub(super) fn weigh_with(&mut self, config: CoarseConfig, spacing_m: f64) -> Result<(), ConfigError> {
+        self.verifier = Verifier::new(config, spacing_m)?;
+        Ok(())
     }
 
     /// An aligner that goes on from `state`. With the same method, settings and scan of the target as before, all
@@ -121,16 +136,18 @@ impl SequentialAligner {
     pub fn restore(
         registration: Box<dyn Registration>,
         config: SequentialConfig,
+        spacing_m: f64,
         state: AlignerState,
         target_scan: Option<ScanView<'_>>,
     ) -> Result<Self, RestoreError> {
-        config.validate()?;
+        let mut restored = Self::new(registration, config, spacing_m)?;
         let target = match (&state.target, target_scan) {
             (None, _) => None,
             (Some(target), None) => return Err(RestoreError::TargetMissing { scan_id: target.scan_id }),
             (Some(target), Some(scan)) => {
                 let scan_id = target.scan_id;
-                let prepared = registration.prepare(scan).map_err(|error| RestoreError::Target { scan_id, error })?;
+                let prepared =
+                    restored.registration.prepare(scan).map_err(|error| RestoreError::Target { scan_id, error })?;
                 let (points, expected) = (prepared.points().len() as u64, target.reduced_points);
                 if points != expected {
                     return Err(RestoreError::OtherTarget { scan_id, points, expected });
@@ -138,7 +155,8 @@ impl SequentialAligner {
                 Some(Arc::from(prepared))
             }
         };
-        Ok(Self { registration, config, state, target })
+        (restored.state, restored.target) = (state, target);
+        Ok(restored)
     }
 
     /// What a restart needs, beside the scan named as the target in it.
@@ -150,11 +168,12 @@ impl SequentialAligner {
     /// The memory held: the keyframe and what is fixed [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.target.as_ref().map_or(0, |target| target.bytes()) + size_of::<Self>()
+        self.target.as_ref().map_or(0, |target| target.bytes()) + self.verifier.bytes() + size_of::<Self>()
     }
 
     /// The keyframe it holds, that of the last accepted scan.
-    pub(super) fn target(&self) -> Option<&Arc<dyn PreparedScan>> {
+    #[must_use]
+    pub fn keyframe(&self) -> Option<&Arc<dyn PreparedScan>> {
         self.target.as_ref()
     }
 
@@ -201,6 +220,7 @@ impl SequentialAligner {
             Ok(prepared) => match (self.state.target, self.target.take()) {
                 (Some(target), Some(target_scan)) => {
                     let accepted = self.align(&mut record, &target, &*target_scan, &*prepared);
+                    self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }
                 _ => {
@@ -274,7 +294,11 @@ impl SequentialAligner {
         for (name, start, pair_distance_m) in self.starts(target, record.prior) {
             let limits = Limits { pair_distance_m, ..self.config.limits };
             let result = self.registration.align(target_scan, source, &start, &limits);
-            let (hypothesis, alignment) = self.judge(name, &start, &limits, result);
+            let (mut hypothesis, alignment) = self.judge(name, &start, &limits, result);
+            let alignment = alignment.filter(|alignment| {
+                hypothesis.rejected = self.second_look(alignment, target_scan, source).err();
+                hypothesis.rejected.is_none()
+            });
             record.iterations += hypothesis.iterations;
             record.hypotheses.push(hypothesis);
             if let Some(alignment) = alignment {
@@ -287,6 +311,20 @@ impl SequentialAligner {
         let reason = reason.unwrap_or_else(|| Rejection::Failed { reason: "no hypothesis was tried".to_owned() });
         record.status = AlignmentStatus::NotAligned(reason);
         false
+    }
+
+    /// Weighs an accepted alignment that overlaps little by evidence of its own.
+    fn second_look(
+        &mut self,
+        alignment: &Alignment,
+        target: &dyn PreparedScan,
+        source: &dyn PreparedScan,
+    ) -> Result<(), Rejection> {
+        let acceptance = self.config.acceptance;
+        if !acceptance.is_doubtful(alignment) {
+            return Ok(());
+        }
+        acceptance.weigh(&self.verifier.weigh(target, source, &alignment.target_from_source))
     }
 
     /// The hypothesis as recorded, and the alignment if it is accepted.

@@ -97,15 +97,16 @@ impl GlobalAligner {
         spacing_m: f64,
     ) -> Result<Self, ConfigError> {
         config.validate()?;
-        Self::with(SequentialAligner::new(registration, sequential)?, sequential, config, spacing_m)
+        Self::with(SequentialAligner::new(registration, sequential, spacing_m)?, sequential, config, spacing_m)
     }
 
     fn with(
-        aligner: SequentialAligner,
+        mut aligner: SequentialAligner,
         sequential_config: SequentialConfig,
         config: GlobalConfig,
         spacing_m: f64,
     ) -> Result<Self, ConfigError> {
+        aligner.weigh_with(config.coarse.clone(), spacing_m)?;
         Ok(Self {
             sequential: aligner,
             sequential_config,
@@ -135,7 +136,7 @@ impl GlobalAligner {
         journal: impl IntoIterator<Item = Journalled>,
     ) -> Result<Self, MapRestoreError> {
         config.validate()?;
-        let aligner = SequentialAligner::restore(registration, sequential, state, target_scan)?;
+        let aligner = SequentialAligner::restore(registration, sequential, spacing_m, state, target_scan)?;
         let mut restored = Self::with(aligner, sequential, config, spacing_m)?;
         let mut due = BTreeSet::new();
         for Journalled { entry, keyframe } in journal {
@@ -347,7 +348,7 @@ impl GlobalAligner {
             target_id: record.target_id,
             target_from_scanner: measured.or_else(|| Some(target?.inverse() * record.map_from_scanner)),
         };
-        let keyframe = self.sequential.target().filter(|_| accepted).map(|target| Keyframe::new(target.points()));
+        let keyframe = self.sequential.keyframe().filter(|_| accepted).map(|target| Keyframe::new(target.points()));
         let bytes = keyframe.as_ref().filter(|_| self.is_journalling).map(Keyframe::to_bytes);
         // An entry made from a record of the same map always fits it.
         if self.map.take_scan(&entry, keyframe).is_ok() {

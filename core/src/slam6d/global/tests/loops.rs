@@ -43,7 +43,7 @@ fn survey(script: &Arc<Script>, config: &GlobalConfig) -> (Vec<Pose>, Vec<Correc
 /// The chain of sequential pairs alone.
 fn chain(script: &Arc<Script>) -> Vec<Pose> {
     let method = Box::new(Scripted(Arc::clone(script)));
-    let mut aligner = SequentialAligner::new(method, SequentialConfig::default()).unwrap();
+    let mut aligner = SequentialAligner::new(method, SequentialConfig::default(), 0.25).unwrap();
     let scans = 0..script.truth.len();
     scans.map(|k| aligner.align_next(k as u64, ScanView::unordered(&script.scan(k)), None).map_from_scanner).collect()
 }
