@@ -200,6 +200,23 @@ pub enum BenchCommand {
     },
     /// Speed and error of every registration method, beside small_gicp, KISS-ICP and GTSAM from PyPI.
     Registration(BenchRegistrationArgs),
+    /// From the last beam to the plan through the real processes: every stage, the waiting between them, and the graph's
+    /// own share. Scans a scene with the source's scanner; takes --set, --config and --out like a run.
+    Pipeline(BenchPipelineArgs),
+}
+
+/// Arguments of `bench pipeline`.
+#[derive(Debug, Clone, Args)]
+pub struct BenchPipelineArgs {
+    /// Write the figures to this file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Scans that are measured.
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub scans: u32,
+    /// Scans that are in the map before the first one that is measured.
+    #[arg(long, value_name = "N", default_value_t = 40)]
+    pub after: u32,
 }
 
 /// Arguments of `bench registration`.

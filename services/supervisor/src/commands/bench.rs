@@ -9,7 +9,8 @@ use mirador_bench::ipc::{self, IpcOptions};
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
 use mirador_ipc_schema::StopSignal;
 
-use crate::cli::BenchRegistrationArgs;
+use super::bench_pipeline;
+use crate::cli::{BenchPipelineArgs, BenchRegistrationArgs, Common};
 use crate::{EXIT_DONE, Registry, UsageError};
 
 /// Latency between two processes.
@@ -51,6 +52,12 @@ pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Regist
     })?;
     keep(&report, args.json.as_deref())?;
     registration::print_comparison(&report, &mut std::io::stdout().lock())?;
+    Ok(EXIT_DONE)
+}
+
+/// A scene through the whole graph.
+pub fn pipeline(common: &Common, args: &BenchPipelineArgs, registry: &Registry) -> Result<u8> {
+    keep(&bench_pipeline::measure(common, args, registry)?, args.json.as_deref())?;
     Ok(EXIT_DONE)
 }
 

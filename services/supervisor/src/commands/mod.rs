@@ -1,6 +1,7 @@
 //! The commands.
 
 mod bench;
+mod bench_pipeline;
 mod convert;
 mod demo;
 mod doctor;
@@ -33,6 +34,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Bench { what: BenchCommand::Registration(args) }) => {
             bench::registration(&args, common.quiet, &registry)
         }
+        Some(Command::Bench { what: BenchCommand::Pipeline(args) }) => bench::pipeline(common, &args, &registry),
         Some(Command::Explain { dir, scan }) => {
             let mut text = Vec::new();
             crate::explain::explain(&dir, scan, &mut text)?;

@@ -4,18 +4,19 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use mirador_acquisition::{AcquisitionConfig, SourceKind, open_source, scene_of, true_poses};
 use mirador_core::formats::read_poses;
 use mirador_core::geometry::Pose;
 use mirador_core::simulation::{CompiledScene, ReachConfig, reachable_cells};
 use mirador_core::view_planning::WorkArea;
 use mirador_ipc_schema::StopSignal;
+use mirador_recorder::{RUN_FILE, RunReader};
 
 use crate::cli::Common;
 use crate::graph::{self, Graph};
 use crate::output_dir::{self, MARK};
-use crate::outputs::{self, OutputError, RunFacts, Summary};
+use crate::outputs::{self, OutputError, RunData, RunFacts, Summary};
 use crate::supervise::{Ended, RunOutcome, RunPlan, Seat, check_slots, run};
 use crate::{EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, Registry, UsageError};
 
@@ -55,8 +56,25 @@ struct Known {
 impl Session<'_> {
     /// Runs the graph and writes the outputs.
     pub fn run(mut self) -> Result<u8> {
-        let stop = StopSignal::from_terminal().context("signals cannot be handled")?;
         let known = self.prepare()?;
+        let (run_dir, config, outcome) = self.go()?;
+        self.finish(&run_dir, config, known, &outcome)
+    }
+
+    /// Runs the graph and reads what was recorded, without any outputs.
+    pub fn record(mut self) -> Result<RunData> {
+        self.prepare()?;
+        let (run_dir, _, outcome) = self.go()?;
+        match outcome.ended {
+            Ended::InputEnded => Ok(RunData::read(&mut RunReader::open(&run_dir.join(RUN_FILE))?)?),
+            Ended::Interrupted => bail!("interrupted"),
+            Ended::Fault(reason) => bail!("{reason}"),
+        }
+    }
+
+    /// Runs the prepared graph; gives the run's folder and the configuration in effect, too.
+    fn go(&self) -> Result<(PathBuf, String, RunOutcome)> {
+        let stop = StopSignal::from_terminal().context("signals cannot be handled")?;
         // Before the output folder: an earlier output, perhaps of a graph that runs, stays where it is when this fails.
         let seat = Seat::take(&self.graph, &stop)?;
         let run_dir = output_dir::prepare(&self.out)?;
@@ -69,7 +87,7 @@ impl Session<'_> {
             stop,
         };
         let outcome = run(&plan, seat)?;
-        self.finish(&run_dir, config, known, &outcome)
+        Ok((run_dir, config, outcome))
     }
 
     /// Everything that can be found wrong before a process is started: the source, its size, the truth.

@@ -10,6 +10,7 @@ mod plots;
 mod report;
 mod run_data;
 mod summary;
+mod timeline;
 mod trajectory;
 
 #[cfg(test)]
@@ -26,6 +27,7 @@ pub use facts::{RunFacts, ServiceTotals};
 pub use latency::{Quantiles, STAGES, Stage};
 pub use run_data::{FinalMap, RunData, ScanRecord, SourceEnd};
 pub use summary::{Errors, PoseSummary, Summary};
+pub use timeline::{GAPS, Gap, Timeline};
 
 /// Why an output cannot be made.
 #[derive(Debug, thiserror::Error)]
