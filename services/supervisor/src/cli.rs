@@ -91,6 +91,9 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+    /// Ask a running graph to decide again on the map it has: with other weights, or by another strategy. The plan goes
+    /// out to everyone as after a scan, and is printed here.
+    Replan(ReplanArgs),
     /// Measure.
     Bench {
         /// What to measure.
@@ -165,6 +168,18 @@ pub struct ReplayArgs {
     /// Stop after this many scans.
     #[arg(long, value_name = "N")]
     pub max_scans: Option<u32>,
+}
+
+/// Arguments of `replan`.
+#[derive(Debug, Clone, Args)]
+pub struct ReplanArgs {
+    /// Strategy to decide by [default: that of the graph].
+    #[arg(long, value_name = "NAME")]
+    pub strategy: Option<String>,
+    /// Weights of information, quality, zones and travel cost, for example 0.65,0.25,0.1,0.09 [default: those of the
+    /// graph].
+    #[arg(long, value_name = "A,Q,O,C", value_delimiter = ',')]
+    pub weights: Vec<f64>,
 }
 
 /// Arguments of `run`.

@@ -195,7 +195,11 @@ fn place(rows: &[f64; 16]) -> String {
     )
 }
 
-fn explain_plan(plan: Option<&ViewPlanMeta>, candidates: &[CandidateView], out: &mut dyn Write) -> std::io::Result<()> {
+pub(crate) fn explain_plan(
+    plan: Option<&ViewPlanMeta>,
+    candidates: &[CandidateView],
+    out: &mut dyn Write,
+) -> std::io::Result<()> {
     let Some(p) = plan else { return writeln!(out, "  Plan: none was recorded") };
     writeln!(
         out,

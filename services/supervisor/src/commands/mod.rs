@@ -5,6 +5,8 @@ mod bench_pipeline;
 mod convert;
 mod demo;
 mod doctor;
+mod find;
+mod replan;
 mod replay;
 mod service;
 mod session;
@@ -28,6 +30,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Up { graph }) => up::up(common, &graph, &registry),
         Some(Command::Run(args)) => service::run_service(common, &args, &registry),
         Some(Command::Top { once, json }) => top::top(common, once, json),
+        Some(Command::Replan(args)) => replan::replan(common, &args),
         Some(Command::Bench { what: BenchCommand::Ipc { json, messages, pace_ms } }) => {
             bench::ipc(json.as_deref(), messages, pace_ms)
         }

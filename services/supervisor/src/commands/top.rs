@@ -3,7 +3,6 @@
 //! A viewer must never hold up what it views: results wait for slow readers. So one thread does nothing but take in
 //! messages, and the other writes to the terminal, which may block for as long as it likes.
 
-mod find;
 mod listen;
 mod state;
 mod table;
@@ -17,9 +16,9 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, Result};
 use mirador_ipc_schema::{Domain, StopSignal, clock};
 
-use self::find::Found;
 use self::listen::Listening;
 use self::view::Snapshot;
+use super::find::{self, Found};
 use crate::cli::Common;
 use crate::{EXIT_DONE, EXIT_FAILED};
 

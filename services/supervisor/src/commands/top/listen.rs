@@ -9,8 +9,8 @@ use anyhow::{Context, Result, anyhow};
 use mirador_ipc_schema::topics::{Alignment, Clock, ServiceHealth, Topic, ViewPlan};
 use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Subscriber, Wake, Wakeable};
 
-use super::find::WATCHER;
 use super::state::State;
+use crate::commands::find::WATCHER;
 
 /// The longest pause between two looks: reports of health come every 50 ms, and sixteen of them may wait.
 const LOOK: Duration = Duration::from_millis(50);

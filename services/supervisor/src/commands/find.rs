@@ -9,8 +9,10 @@ use crate::UsageError;
 
 /// Begins the name under which `top` joins a domain.
 pub(super) const WATCHER: &str = "top-";
-/// Names of processes that join a domain only to look.
-const WATCHERS: [&str; 2] = [WATCHER, "doctor-"];
+/// Begins the name under which `replan` joins a domain.
+pub(super) const ASKER: &str = "replan-";
+/// Names of processes that join a domain only to look or ask.
+const WATCHERS: [&str; 3] = [WATCHER, ASKER, "doctor-"];
 /// How often a list of processes that failed is asked for again.
 const LOOKS: usize = 3;
 
