@@ -9,11 +9,19 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::process::Stdio;
 
-use mirador_ipc_schema::messages::{PAIR_ACCEPTED, PAIR_LOOP};
+use mirador_core::analysis::PointScore;
+use mirador_core::geometry::pose_from_rows;
+use mirador_core::information_map::{Condenser, InformationMap, MapConfig};
+use mirador_core::scan::{Grid, Point, ScanView};
+use mirador_ipc_schema::messages::{ALIGNMENT_REJECTED, MAP_CAUSE_CORRECTION, MapTile, PAIR_ACCEPTED, PAIR_LOOP};
 use mirador_ipc_schema::{ScanId, topics};
+use mirador_recorder::RunReader;
 use support::observer::{Observer, kill_9};
 use support::outputs::recording;
 use support::{Stage, finish, small_scanner, summary};
+
+/// Every correction moves its scan in the map, however small.
+const MOVE_ALL: [&str; 2] = ["planning.corrections.limits.min_shift_m=0", "planning.corrections.limits.min_turn_deg=0"];
 
 /// Two rounds of the tour, whose second goes back over the first; every millimetre is corrected.
 const SCANS: u32 = 16;
@@ -92,6 +100,110 @@ fn a_killed_alignment_corrects_the_same_to_the_last_bit() {
         let [a, b] = ["undisturbed", "mirador-out"].map(|out| fs::read(stage.path(out).join(file)).unwrap());
         assert!(a == b, "{file} is another\n{}", finished.stderr);
     }
+    stage.assert_nothing_left();
+}
+
+/// The tiles as they are at the end of a recording, by place and level.
+fn final_tiles(reader: &mut RunReader) -> (BTreeMap<(i32, i32, u32), Box<MapTile>>, u32) {
+    let (mut tiles, mut moved) = (BTreeMap::new(), 0);
+    reader
+        .for_each::<topics::InformationMap>(|meta, items| {
+            // An update may come in several messages.
+            moved += if meta.part == 0 && meta.cause == MAP_CAUSE_CORRECTION { meta.moved_scans } else { 0 };
+            for tile in items {
+                tiles.insert((tile.tile_x, tile.tile_y, tile.level), Box::new(*tile));
+                let gone = |key: &(i32, i32, u32)| (key.0, key.1) == (tile.tile_x, tile.tile_y) && key.2 >= tile.levels;
+                tiles.retain(|key, _| !gone(key));
+            }
+        })
+        .unwrap();
+    (tiles, moved)
+}
+
+/// The map made from scratch from what was recorded of every scan, each at the pose it has in the end.
+fn map_from_scratch(reader: &mut RunReader) -> InformationMap {
+    let mut last = BTreeMap::new();
+    reader
+        .for_each::<topics::PoseCorrections>(|_, corrections| {
+            last.extend(corrections.iter().map(|c| (ScanId::unpack(c.id).scan, pose_from_rows(&c.map_from_scanner))));
+        })
+        .unwrap();
+    let config = MapConfig::default();
+    let mut map = InformationMap::new(config).unwrap();
+    let mut condenser = Condenser::new();
+    for number in 0..SCANS {
+        let (mut points, mut scores, mut hypotheses) = (Vec::new(), Vec::new(), Vec::new());
+        let scan = reader.read_about::<topics::Scan>(number, &mut points).unwrap().unwrap();
+        reader.read_about::<topics::ScoredScan>(number, &mut scores).unwrap().unwrap();
+        let alignment = reader.read_about::<topics::Alignment>(number, &mut hypotheses).unwrap().unwrap();
+        if alignment.status == ALIGNMENT_REJECTED {
+            continue;
+        }
+        let pose = pose_from_rows(&alignment.map_from_scanner).unwrap();
+        let grid = Grid { rows: scan.rows as usize, cols: scan.cols as usize };
+        let points: &[Point] = bytemuck::cast_slice(&points);
+        let view = ScanView::ordered(points, grid).unwrap();
+        let scores: &[PointScore] = bytemuck::cast_slice(&scores);
+        let (evidence, _) = condenser.condense(view, scores, &pose, &config, 1).unwrap();
+        map.add(evidence, &last.get(&number).copied().flatten().unwrap_or(pose)).unwrap();
+    }
+    map
+}
+
+#[test]
+fn the_map_in_the_end_is_the_one_made_from_scratch_at_the_corrected_poses() {
+    let stage = Stage::new();
+    stage.run_well(&arguments(&MOVE_ALL));
+    let mut reader = recording(&stage.path("mirador-out"));
+    let (tiles, moved) = final_tiles(&mut reader);
+    assert!(moved > 0, "no scan was moved: the test shows nothing");
+    let map = map_from_scratch(&mut reader);
+    let mut cells = 0;
+    for (index, cell) in map.known_cells() {
+        let tile = index.tile();
+        for (k, level) in cell.levels(map.config().clearance_m).as_slice().iter().enumerate() {
+            let sent = &tiles[&(tile.x, tile.y, k as u32)].cells[index.within_tile()];
+            let evidence = &level.evidence;
+            assert_eq!(u64::from(sent.measured), evidence.measured_count(), "{index:?}");
+            assert_eq!(u64::from(sent.interpolated), evidence.interpolated_count(), "{index:?}");
+            assert_eq!(sent.height.to_bits(), (evidence.height().unwrap() as f32).to_bits(), "{index:?}");
+            assert_eq!(sent.quality, (evidence.quality().unwrap() * 65535.0 + 0.5) as u16, "{index:?}");
+            cells += 1;
+        }
+    }
+    let sent = tiles.values().flat_map(|tile| &tile.cells).filter(|cell| cell.flags & 1 != 0).count();
+    assert_eq!(sent, cells, "cells that the map has not");
+}
+
+#[test]
+fn a_killed_planning_ends_with_the_same_map() {
+    let stage = Stage::new();
+    stage.run_well(&[arguments(&MOVE_ALL), vec!["--out".to_owned(), "undisturbed".to_owned()]].concat());
+    let child = stage.mirador(&arguments(&MOVE_ALL)).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut observer = Observer::join(stage.domain());
+    let mut dead = Vec::new();
+    for (witness, scans) in [("planning", 9), ("alignment", 11), ("recorder", 13), ("alignment", 15)] {
+        observer.until(&format!("{witness} has finished {scans} scans"), |seen| {
+            let alive = seen.get("planning").is_some_and(|h| !dead.contains(&h.pid));
+            alive && seen.get(witness).is_some_and(|h| h.finished_scans >= scans)
+        });
+        let pid = observer.pid("planning");
+        kill_9(pid);
+        dead.push(pid);
+    }
+    drop(observer);
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(0), "{}", finished.stderr);
+    assert_eq!(summary(&stage.path("mirador-out"))["restarts"], 4);
+    for file in ["trajectory.tum", "model.ply", "map.png"] {
+        let [a, b] = ["undisturbed", "mirador-out"].map(|out| fs::read(stage.path(out).join(file)).unwrap());
+        assert!(a == b, "{file} is another\n{}", finished.stderr);
+    }
+    let [(a, _), (b, _)] = ["undisturbed", "mirador-out"].map(|out| final_tiles(&mut recording(&stage.path(out))));
+    let bytes = |tiles: &BTreeMap<(i32, i32, u32), Box<MapTile>>| {
+        tiles.iter().map(|(key, tile)| (*key, bytemuck::bytes_of(&**tile).to_vec())).collect::<Vec<_>>()
+    };
+    assert!(bytes(&a) == bytes(&b), "the tiles are others");
     stage.assert_nothing_left();
 }
 

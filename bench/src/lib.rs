@@ -6,6 +6,7 @@
 
 pub mod ipc;
 mod machine;
+pub mod map;
 pub mod registration;
 mod report;
 

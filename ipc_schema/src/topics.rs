@@ -196,7 +196,7 @@ topics! {
     Zones = "zones" from "analysis": Envelope [Zone; Fixed(4096)],
         pub 1 sub 5 buffer 4 borrowed 2 history 1 loaned 1 WAIT;
     /// Tiles of the information map that changed.
-    InformationMap = "information_map" from "planning": MapMeta [MapTile; Fixed(256)],
+    InformationMap = "information_map" from "planning": MapMeta [MapTile; Fixed(192)],
         pub 1 sub 4 buffer 8 borrowed 2 history 1 loaned 1 WAIT;
     /// The decision and its candidates.
     ViewPlan = "view_plan" from "planning": ViewPlanMeta [CandidateView; Fixed(4096)],

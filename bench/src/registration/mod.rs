@@ -38,7 +38,7 @@ mod print;
 mod ratio;
 mod relaxation;
 mod sequence;
-mod simulated;
+pub mod simulated;
 mod tour;
 
 pub use data::{Accuracy, PairData, SequenceData};

@@ -1,275 +1,192 @@
-//! What one cell remembers: counts and sums, in integers, of the evidence of every scan.
+//! One cell of the map, and the levels in it.
+//!
+//! Evidence is kept by height, in slabs of half a metre, and belongs together when no room for the robot lies between:
+//! the ground and the wall that stands on it are one, the road and the bridge over it are two.
 
-use super::bytes::{Reader, TruncatedMap};
-use super::normal_statistics::NormalStatistics;
+use super::evidence::Evidence;
+use super::navigability::CellState;
+use super::tile::{Record, Tile};
 use nalgebra::Vector3;
 
-/// Heights are stored in units of 1/1024 m.
-pub(super) const HEIGHT_UNITS_PER_METRE: f64 = 1024.0;
+/// The most levels told apart in one cell; what lies higher counts to the last.
+pub const MAX_LEVELS: usize = 4;
 
-/// Counts and sums over one kind of evidence (measured points, or interpolation over kept triangles), 40 bytes.
-/// Sums are of the stored 16-bit scores, so a mean in [0, 1] is `sum / (65535 count)`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Evidence {
-    /// All items.
-    pub count: u32,
-    /// n_phi: items with F > u_F.
-    pub navigable_count: u32,
-    /// n_alpha: items with B > u_B.
-    pub obstacle_count: u32,
-    /// Sum of F over the navigable items (4.1).
-    pub navigable_sum: u64,
-    /// Sum of B over the obstacle items (4.2).
-    pub obstacle_sum: u64,
-    /// Sum of D over all items (4.5).
-    pub quality_sum: u64,
-}
-
-impl Evidence {
-    /// The mean quality D over all items (4.5), or `None` without any.
-    #[must_use]
-    pub fn mean_quality(&self) -> Option<f64> {
-        (self.count > 0).then(|| self.quality_sum as f64 / (65535.0 * f64::from(self.count)))
-    }
-
-    #[inline]
-    fn add(&mut self, item: &Item) {
-        // A cell that saturates has seen four thousand million points; its means stay right to within that ratio.
-        if self.count == u32::MAX {
-            return;
-        }
-        self.count += 1;
-        self.quality_sum += u64::from(item.quality);
-        if item.is_navigable {
-            self.navigable_count += 1;
-            self.navigable_sum += u64::from(item.navigable);
-        }
-        if item.is_obstacle {
-            self.obstacle_count += 1;
-            self.obstacle_sum += u64::from(item.obstacle);
-        }
-    }
-
-    fn write(&self, out: &mut Vec<u8>) {
-        for count in [self.count, self.navigable_count, self.obstacle_count] {
-            out.extend_from_slice(&count.to_le_bytes());
-        }
-        for sum in [self.navigable_sum, self.obstacle_sum, self.quality_sum] {
-            out.extend_from_slice(&sum.to_le_bytes());
-        }
-    }
-
-    fn read(reader: &mut Reader<'_>) -> Result<Self, TruncatedMap> {
-        Ok(Self {
-            count: u32::from_le_bytes(reader.array()?),
-            navigable_count: u32::from_le_bytes(reader.array()?),
-            obstacle_count: u32::from_le_bytes(reader.array()?),
-            navigable_sum: u64::from_le_bytes(reader.array()?),
-            obstacle_sum: u64::from_le_bytes(reader.array()?),
-            quality_sum: u64::from_le_bytes(reader.array()?),
-        })
-    }
-
-    fn is_possible(&self) -> bool {
-        let fits = |sum: u64, count: u32| sum <= u64::from(count) * 65535;
-        self.navigable_count <= self.count
-            && self.obstacle_count <= self.count
-            && fits(self.navigable_sum, self.navigable_count)
-            && fits(self.obstacle_sum, self.obstacle_count)
-            && fits(self.quality_sum, self.count)
-    }
-}
-
-/// One piece of evidence on its way into a cell: scores as stored (16 bits), height in the map frame [1/1024 m].
+/// A look at one cell.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Item {
-    pub navigable: u16,
-    pub obstacle: u16,
-    pub quality: u16,
-    pub is_navigable: bool,
-    pub is_obstacle: bool,
-    pub height: i32,
-    /// Unit normal in the map frame.
-    pub normal: Vector3<f32>,
+pub struct Cell<'a> {
+    pub(super) tile: &'a Tile,
+    pub(super) within: usize,
 }
 
-/// One cell, 152 bytes. All zero (the default) is the unknown state: nothing was ever seen here.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Cell {
-    /// Points that fell into the cell.
-    pub measured: Evidence,
-    /// Kept triangles that cover the cell without having a corner in it.
-    pub interpolated: Evidence,
-    /// Normals of all evidence, in the map frame.
-    pub normals: NormalStatistics,
-    /// Sum of the heights of all evidence [1/1024 m].
-    height_sum: i64,
-    /// Sum of the heights of the navigable evidence [1/1024 m].
-    ground_sum: i64,
-    /// Lowest navigable evidence [1/1024 m]; 0 when there is none.
-    ground_min: i32,
+/// What lies at one level of a cell: ground to drive on with what stands on it, or an obstacle.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Level {
+    /// Everything that was seen of it. What hangs over it with room for the robot in between (crowns, lamps, the
+    /// underside of a bridge) counts in height, quality and normals; it says nothing of navigability.
+    pub evidence: Evidence,
+    /// Mean height of its lowest ground [m, map frame]; without ground, of its lowest evidence.
+    pub lowest: f64,
+    /// Mean height of its highest ground [m, map frame]; without ground, of its highest evidence.
+    pub highest: f64,
+    /// Free height over `highest` to what is above [m]; infinite under the open sky.
+    pub clearance: f64,
 }
 
-impl Cell {
+impl Level {
+    /// Whether a robot that masters steps of `max_step_m` gets from this level to that one of a neighbouring cell.
+    /// Ground of a level that is not one surface (a wedge under a ramp too low to drive under) must be within the step
+    /// from end to end.
+    #[must_use]
+    pub fn connects(&self, other: &Self, max_step_m: f64) -> bool {
+        (self.highest.max(other.highest) - self.lowest.min(other.lowest)) <= max_step_m
+    }
+
+    /// The state of the level.
+    #[must_use]
+    pub fn state(&self, obstacle_weight: f64) -> CellState {
+        self.evidence.navigability(obstacle_weight).map_or(CellState::Unknown, CellState::Known)
+    }
+
+    /// The height a robot stands at [m, map frame]: mean height of the ground, of everything where there is none.
+    #[must_use]
+    pub fn ground(&self) -> f64 {
+        self.evidence.ground_height().or_else(|| self.evidence.height()).unwrap_or(self.lowest)
+    }
+}
+
+/// The levels of one cell, upwards.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Levels {
+    levels: [Level; MAX_LEVELS],
+    count: usize,
+}
+
+impl Levels {
+    /// The levels, upwards; none in an unknown cell.
+    #[must_use]
+    pub fn as_slice(&self) -> &[Level] {
+        &self.levels[..self.count]
+    }
+}
+
+/// Evidence without a gap that the robot fits in.
+#[derive(Clone, Copy, Default)]
+struct Cluster {
+    evidence: Evidence,
+    /// Mean heights of the lowest and highest slab or the ground in them, and of the ground in those that have any.
+    bottom: f64,
+    top: f64,
+    ground: Option<(f64, f64)>,
+}
+
+impl Cluster {
+    fn take(&mut self, record: &Record, top: f64) {
+        self.evidence.merge(&record.evidence);
+        self.top = top;
+        if let Some(ground) = record.evidence.ground_height() {
+            let (low, _) = self.ground.unwrap_or((ground, ground));
+            self.ground = Some((low, ground));
+        }
+    }
+}
+
+impl Cell<'_> {
     /// Whether nothing was ever seen here. This is not the same as a navigability of 0.5.
     #[must_use]
     #[inline]
     pub fn is_unknown(&self) -> bool {
-        self.measured.count == 0 && self.interpolated.count == 0
+        self.tile.records_of(self.within).next().is_none()
     }
 
-    /// The number of pieces of evidence of either kind.
+    /// All evidence of the cell, whatever its height.
     #[must_use]
-    pub fn evidence_count(&self) -> u64 {
-        u64::from(self.measured.count) + u64::from(self.interpolated.count)
+    pub fn total(&self) -> Evidence {
+        let mut total = Evidence::default();
+        self.tile.records_of(self.within).for_each(|record| total.merge(&record.evidence));
+        total
     }
 
-    /// n_phi, the navigable evidence of either kind.
+    /// Q_a (4.5): the mean D of the cell's points, whatever their height; where there are none, of the interpolated
+    /// evidence. `None` when the cell is unknown.
     #[must_use]
-    #[inline]
-    pub fn navigable_count(&self) -> u64 {
-        u64::from(self.measured.navigable_count) + u64::from(self.interpolated.navigable_count)
+    pub fn quality(&self) -> Option<f64> {
+        self.total().quality()
     }
 
-    /// n_alpha, the obstacle evidence of either kind.
+    /// The levels of the cell: evidence with a gap of `clearance_m` or more between belongs to different ones.
+    ///
+    /// Only what the robot can drive on or bump into makes a level. What says neither, as a crown over a path, limits
+    /// the clearance of the level below it, which is otherwise as it would be without.
     #[must_use]
-    pub fn obstacle_count(&self) -> u64 {
-        u64::from(self.measured.obstacle_count) + u64::from(self.interpolated.obstacle_count)
+    pub fn levels(&self, clearance_m: f64) -> Levels {
+        let mut levels = Levels::default();
+        let mut cluster: Option<Cluster> = None;
+        for record in self.tile.records_of(self.within) {
+            let height = record.evidence.height().unwrap_or_default();
+            let ground = record.evidence.ground_height().unwrap_or(height);
+            let (bottom, top) = (height.min(ground), height.max(ground));
+            match &mut cluster {
+                Some(cluster) if bottom - cluster.top < clearance_m => cluster.take(record, top),
+                _ => {
+                    let mut next = Cluster { bottom, ..Cluster::default() };
+                    next.take(record, top);
+                    if let Some(done) = cluster.replace(next) {
+                        levels.push(&done);
+                    }
+                }
+            }
+        }
+        if let Some(done) = cluster {
+            levels.push(&done);
+        }
+        levels
     }
 
-    /// The mean height of everything seen here [m, map frame], or `None` for an unknown cell.
+    /// The lowest level.
     #[must_use]
-    pub fn height(&self) -> Option<f64> {
-        mean_height(self.height_sum, self.evidence_count())
+    pub fn lowest_level(&self, clearance_m: f64) -> Option<Level> {
+        self.levels(clearance_m).as_slice().first().copied()
     }
 
-    /// The mean height of the navigable ground [m, map frame], or `None` without navigable evidence.
-    #[must_use]
-    pub fn ground_height(&self) -> Option<f64> {
-        mean_height(self.ground_sum, self.navigable_count())
-    }
-
-    /// The lowest navigable ground [m, map frame], or `None` without navigable evidence.
-    #[must_use]
-    pub fn lowest_ground(&self) -> Option<f64> {
-        (self.navigable_count() > 0).then(|| f64::from(self.ground_min) / HEIGHT_UNITS_PER_METRE)
-    }
-
-    /// The expected incidence |v . n| of the cell's surface for the unit direction `v` of the map frame (4.9).
+    /// The expected incidence |v . n| of everything in the cell for the unit direction `v` of the map frame (4.9).
     #[must_use]
     pub fn expected_incidence(&self, v: &Vector3<f32>) -> f32 {
-        self.normals.expected_incidence(self.evidence_count(), v)
-    }
-
-    #[inline]
-    pub(super) fn add_measured(&mut self, item: &Item) {
-        self.add_shared(item);
-        self.measured.add(item);
-    }
-
-    #[inline]
-    pub(super) fn add_interpolated(&mut self, item: &Item) {
-        self.add_shared(item);
-        self.interpolated.add(item);
-    }
-
-    #[inline]
-    fn add_shared(&mut self, item: &Item) {
-        if item.is_navigable {
-            let first = self.navigable_count() == 0;
-            self.ground_min = if first { item.height } else { self.ground_min.min(item.height) };
-            self.ground_sum += i64::from(item.height);
-        }
-        self.height_sum += i64::from(item.height);
-        self.normals.add(&item.normal);
-    }
-
-    pub(super) fn write(&self, out: &mut Vec<u8>) {
-        self.measured.write(out);
-        self.interpolated.write(out);
-        self.normals.write(out);
-        out.extend_from_slice(&self.height_sum.to_le_bytes());
-        out.extend_from_slice(&self.ground_sum.to_le_bytes());
-        out.extend_from_slice(&self.ground_min.to_le_bytes());
-    }
-
-    pub(super) fn read(reader: &mut Reader<'_>) -> Result<Self, TruncatedMap> {
-        Ok(Self {
-            measured: Evidence::read(reader)?,
-            interpolated: Evidence::read(reader)?,
-            normals: NormalStatistics::read(reader)?,
-            height_sum: i64::from_le_bytes(reader.array()?),
-            ground_sum: i64::from_le_bytes(reader.array()?),
-            ground_min: i32::from_le_bytes(reader.array()?),
-        })
-    }
-
-    /// Whether the counts and sums can have come from evidence; used to refuse damaged files.
-    pub(super) fn is_possible(&self) -> bool {
-        let within = |sum: i64, count: u64| i128::from(sum).abs() <= i128::from(count) << 31;
-        self.measured.is_possible()
-            && self.interpolated.is_possible()
-            && self.normals.is_possible(self.evidence_count())
-            && within(self.height_sum, self.evidence_count())
-            && within(self.ground_sum, self.navigable_count())
-            && !self.is_unknown()
+        self.total().expected_incidence(v)
     }
 }
 
-fn mean_height(sum: i64, count: u64) -> Option<f64> {
-    (count > 0).then(|| sum as f64 / (HEIGHT_UNITS_PER_METRE * count as f64))
+impl Levels {
+    /// Puts a cluster over the others.
+    fn push(&mut self, cluster: &Cluster) {
+        let below = self.count.checked_sub(1).and_then(|k| self.levels.get_mut(k));
+        if let Some(below) = below {
+            let room = cluster.bottom - below.highest;
+            below.clearance = below.clearance.min(room);
+            let is_level = cluster.evidence.concerns_the_robot();
+            if !below.evidence.concerns_the_robot() && is_level {
+                // Nothing to drive on or bump into below, as under a floor seen through: it counts to this level.
+                let mut level = level_of(cluster);
+                level.evidence.merge(&below.evidence);
+                *below = level;
+                return;
+            }
+            if !is_level || self.count == MAX_LEVELS {
+                below.evidence.merge(&cluster.evidence);
+                return;
+            }
+        }
+        if let Some(place) = self.levels.get_mut(self.count) {
+            *place = level_of(cluster);
+            self.count += 1;
+        }
+    }
+}
+
+fn level_of(cluster: &Cluster) -> Level {
+    let (lowest, highest) = cluster.ground.unwrap_or((cluster.bottom, cluster.top));
+    Level { evidence: cluster.evidence, lowest, highest, clearance: f64::INFINITY }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn ground(height: i32) -> Item {
-        Item {
-            navigable: 60_000,
-            obstacle: 0,
-            quality: 30_000,
-            is_navigable: true,
-            is_obstacle: false,
-            height,
-            normal: Vector3::z(),
-        }
-    }
-
-    #[test]
-    fn a_cell_takes_the_stated_bytes() {
-        assert_eq!(size_of::<Cell>(), 152);
-    }
-
-    #[test]
-    fn an_unknown_cell_answers_nothing() {
-        let cell = Cell::default();
-        assert!(cell.is_unknown());
-        assert_eq!(cell.height(), None);
-        assert_eq!(cell.ground_height(), None);
-        assert_eq!(cell.lowest_ground(), None);
-        assert_eq!(cell.measured.mean_quality(), None);
-    }
-
-    #[test]
-    fn heights_are_of_the_ground_and_measured_and_interpolated_are_apart() {
-        let mut cell = Cell::default();
-        cell.add_measured(&ground(2048));
-        cell.add_interpolated(&ground(1024));
-        cell.add_measured(&Item { is_navigable: false, ..ground(6144) });
-        assert_eq!((cell.measured.count, cell.interpolated.count), (2, 1));
-        assert_eq!(cell.ground_height(), Some(1.5));
-        assert_eq!(cell.lowest_ground(), Some(1.0));
-        assert_eq!(cell.height(), Some(3.0));
-        assert!(cell.is_possible());
-    }
-
-    #[test]
-    fn ground_under_the_map_origin_keeps_its_negative_height() {
-        let mut cell = Cell::default();
-        cell.add_measured(&ground(-512));
-        cell.add_measured(&ground(-1536));
-        assert_eq!(cell.ground_height(), Some(-1.0));
-        assert_eq!(cell.lowest_ground(), Some(-1.5));
-    }
-}
+#[path = "cell_tests.rs"]
+mod tests;

@@ -17,6 +17,9 @@ pub struct MapConfig {
     pub obstacle_weight: f64,
     /// A kept triangle gives interpolated evidence to at most this many cells, 1 to 65,536.
     pub max_cells_per_triangle: usize,
+    /// Free height in which the robot passes under something [m], 0.5 to 100: what hangs higher over the ground does
+    /// not block it, and what can be driven on there is a level of its own.
+    pub clearance_m: f64,
 }
 
 impl Default for MapConfig {
@@ -27,6 +30,7 @@ impl Default for MapConfig {
             obstacle_threshold: 0.83,
             obstacle_weight: 3.0,
             max_cells_per_triangle: 256,
+            clearance_m: 1.2,
         }
     }
 }
@@ -61,7 +65,8 @@ impl MapConfig {
         check((0.0..1.0).contains(&b), "obstacle_threshold", b, "0 to 1, 1 excluded")?;
         check((1.0..=100.0).contains(&self.obstacle_weight), "obstacle_weight", self.obstacle_weight, "1 to 100")?;
         let cells = self.max_cells_per_triangle;
-        check((1..=65_536).contains(&cells), "max_cells_per_triangle", cells as f64, "1 to 65536")
+        check((1..=65_536).contains(&cells), "max_cells_per_triangle", cells as f64, "1 to 65536")?;
+        check((0.5..=100.0).contains(&self.clearance_m), "clearance_m", self.clearance_m, "0.5 to 100 m")
     }
 }
 
@@ -85,6 +90,7 @@ mod tests {
             assert!(message.contains("cell_m") && message.contains("0.1 to 1 m"), "{message}");
         }
         assert!(MapConfig { obstacle_weight: 0.0, ..Default::default() }.validate().is_err());
+        assert!(MapConfig { clearance_m: 0.3, ..Default::default() }.validate().is_err());
         assert!(MapConfig { max_cells_per_triangle: 0, ..Default::default() }.validate().is_err());
     }
 }

@@ -1,12 +1,18 @@
-//! The map itself: tiles by their place, a revision counted up with every scan, and the zones of interest.
+//! The map itself: tiles by their place, a revision counted up with every change, and the zones of interest.
 
-use super::cell::Cell;
+use super::cell::{Cell, Level};
+use super::condense::{CondenseSummary, Condenser, InsertError, check_pose};
 use super::config::{MapConfig, MapConfigError};
+use super::evidence::Change;
 use super::index::{CellIndex, TileIndex};
-use super::insert::InsertBuffers;
 use super::navigability::CellState;
+use super::projection::Projection;
+use super::scan_evidence::ScanEvidence;
 use super::tile::Tile;
 use super::zones::{Zone, ZoneConfig, ZoneList, ZoneUpdate};
+use crate::analysis::PointScore;
+use crate::geometry::Pose;
+use crate::scan::ScanView;
 use nalgebra::Point3;
 use std::collections::BTreeMap;
 
@@ -19,7 +25,6 @@ pub struct InformationMap {
     pub(super) tiles: Vec<Tile>,
     pub(super) slots: BTreeMap<TileIndex, usize>,
     pub(super) zones: ZoneList,
-    pub(super) buffers: InsertBuffers,
 }
 
 impl InformationMap {
@@ -29,14 +34,7 @@ impl InformationMap {
     /// The settings are checked by [`MapConfig::validate`].
     pub fn new(config: MapConfig) -> Result<Self, MapConfigError> {
         config.validate()?;
-        Ok(Self {
-            config,
-            revision: 0,
-            tiles: Vec::new(),
-            slots: BTreeMap::new(),
-            zones: ZoneList::default(),
-            buffers: InsertBuffers::default(),
-        })
+        Ok(Self { config, revision: 0, tiles: Vec::new(), slots: BTreeMap::new(), zones: ZoneList::default() })
     }
 
     /// The settings the map was made with.
@@ -51,23 +49,93 @@ impl InformationMap {
         self.config.cell_m
     }
 
-    /// Counted up by one for every scan inserted and every update of the zones; 0 for an empty map.
+    /// Counted up by one for every scan added, moved or taken away and every update of the zones; 0 for an empty map.
     #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision
     }
 
-    /// The cell at `index`, or `None` where no tile is; a cell of an existing tile may still be unknown.
-    #[must_use]
-    pub fn cell(&self, index: CellIndex) -> Option<&Cell> {
-        let slot = *self.slots.get(&index.tile())?;
-        self.tiles.get(slot)?.cells.get(index.within_tile())
+    /// Goes on counting from a revision that an earlier map had reached; tiles made so far count as of that revision.
+    pub fn resume_revision(&mut self, revision: u64) {
+        self.revision = self.revision.max(revision);
+        let now = self.revision;
+        self.tiles.iter_mut().for_each(|tile| tile.revision = now);
     }
 
-    /// The state of the cell at `index`.
+    /// Condenses one aligned, scored scan and adds it: [`Condenser::condense`] and [`InformationMap::add`] in one, for
+    /// maps that no correction will move.
+    ///
+    /// # Errors
+    /// See [`InsertError`]; the map is then unchanged.
+    pub fn insert(
+        &mut self,
+        scan: ScanView<'_>,
+        scores: &[PointScore],
+        map_from_scanner: &Pose,
+    ) -> Result<CondenseSummary, InsertError> {
+        let mut condenser = Condenser::new();
+        let (evidence, summary) = condenser.condense(scan, scores, map_from_scanner, &self.config, 1)?;
+        self.add(evidence, map_from_scanner)?;
+        Ok(summary)
+    }
+
+    /// Adds what a scan says when it stands at `map_from_scanner`. Returns how many tiles changed.
+    ///
+    /// The sums are integers: the same scans in another order give the same cells, bit for bit.
+    ///
+    /// # Errors
+    /// See [`InsertError`]; the map is then unchanged.
+    pub fn add(&mut self, evidence: &ScanEvidence, map_from_scanner: &Pose) -> Result<usize, InsertError> {
+        self.check(evidence, map_from_scanner)?;
+        self.revision += 1;
+        let mut projection = Projection::new(&mut self.tiles, &mut self.slots, self.revision);
+        Ok(projection.change(Change::Add, evidence, map_from_scanner).tiles)
+    }
+
+    /// Moves a scan that was added at `from` to `to`: what it said is taken away exactly, then what it says now is
+    /// added. The map afterwards is, bit for bit, the one made from scratch with the scan at `to`. Returns how many
+    /// tiles changed. Moving what was never added at `from` makes the counts wrong; [`ScanPoses`](super::ScanPoses)
+    /// knows where scans are.
+    ///
+    /// # Errors
+    /// See [`InsertError`]; the map is then unchanged.
+    pub fn move_scan(&mut self, evidence: &ScanEvidence, from: &Pose, to: &Pose) -> Result<usize, InsertError> {
+        self.check(evidence, from)?;
+        self.check(evidence, to)?;
+        self.revision += 1;
+        let mut projection = Projection::new(&mut self.tiles, &mut self.slots, self.revision);
+        projection.change(Change::Remove, evidence, from);
+        let touched = projection.change(Change::Add, evidence, to);
+        let now = self.revision;
+        self.tiles.iter_mut().filter(|tile| tile.revision == now).for_each(Tile::tidy);
+        Ok(touched.tiles)
+    }
+
+    fn check(&self, evidence: &ScanEvidence, map_from_scanner: &Pose) -> Result<(), InsertError> {
+        let (found, expected) = (evidence.cell_m, self.config.cell_m);
+        if found != expected {
+            return Err(InsertError::CellMismatch { found, expected });
+        }
+        check_pose(map_from_scanner, &self.config)
+    }
+
+    /// The cell at `index`, or `None` where no tile is; a cell of an existing tile may still be unknown.
+    #[must_use]
+    pub fn cell(&self, index: CellIndex) -> Option<Cell<'_>> {
+        let slot = *self.slots.get(&index.tile())?;
+        Some(self.tiles.get(slot)?.cell(index.within_tile()))
+    }
+
+    /// The lowest level of the cell at `index`; `None` when it is unknown.
+    #[must_use]
+    pub fn lowest_level(&self, index: CellIndex) -> Option<Level> {
+        self.cell(index)?.lowest_level(self.config.clearance_m)
+    }
+
+    /// The state of the lowest level of the cell at `index`.
     #[must_use]
     pub fn state(&self, index: CellIndex) -> CellState {
-        self.cell(index).map_or(CellState::Unknown, |cell| cell.state(self.config.obstacle_weight))
+        self.lowest_level(index).map_or(CellState::Unknown, |level| level.state(self.config.obstacle_weight))
     }
 
     /// The cell that contains the position (x, y) of the map frame [m], or `None` when it is not finite or too far.
@@ -93,8 +161,14 @@ impl InformationMap {
     }
 
     /// The known cells with their places, in a fixed order.
-    pub fn known_cells(&self) -> impl Iterator<Item = (CellIndex, &Cell)> + '_ {
+    pub fn known_cells(&self) -> impl Iterator<Item = (CellIndex, Cell<'_>)> + '_ {
         self.tiles().flat_map(Tile::known_cells)
+    }
+
+    /// Memory the map takes [bytes].
+    #[must_use]
+    pub fn bytes(&self) -> usize {
+        self.tiles.iter().map(Tile::bytes).sum()
     }
 
     /// The smallest and largest tile coordinates in use, or `None` for an empty map.
@@ -116,30 +190,58 @@ impl InformationMap {
         self.zones.as_slice()
     }
 
-    /// Takes in what a scan says of the zones of interest: those it saw face on are removed, then its own are merged.
-    /// Call it after [`InformationMap::insert`] of the same scan. `seen` and `scanner` are in the map frame.
-    pub fn update_zones(&mut self, seen: &[Zone], scanner: &Point3<f64>, config: &ZoneConfig) -> ZoneUpdate {
+    /// The zones with the scans they belong to, to be kept and given to [`InformationMap::restore_zones`].
+    #[must_use]
+    pub fn zone_list(&self) -> &ZoneList {
+        &self.zones
+    }
+
+    /// Puts back zones that were kept.
+    pub fn restore_zones(&mut self, zones: ZoneList) {
+        self.zones = zones;
+    }
+
+    /// Takes in what scan `scan` says of the zones of interest: those it saw face on are removed, then its own are
+    /// merged. Call it after the scan was added. `seen` and `map_from_scanner` are in the map frame.
+    pub fn update_zones(
+        &mut self,
+        scan: u64,
+        seen: &[Zone],
+        map_from_scanner: &Pose,
+        config: &ZoneConfig,
+    ) -> ZoneUpdate {
+        let scanner = Point3::from(map_from_scanner.translation.vector);
         let mut zones = std::mem::take(&mut self.zones);
-        let retired = zones.retire(|zone| zone.is_seen_face_on(self, scanner, config));
-        let (merged, added) = zones.merge(seen, config);
+        let retired = zones.retire(|zone| zone.is_seen_face_on(self, &scanner, config));
+        let (merged, added) = zones.merge(scan, seen, map_from_scanner, config);
         self.zones = zones;
         if retired + merged + added > 0 {
             self.revision += 1;
         }
         ZoneUpdate { retired, merged, added }
     }
-}
 
-/// Maps are equal when they say the same, whatever the order in which their tiles were made.
-impl PartialEq for InformationMap {
-    fn eq(&self, other: &Self) -> bool {
-        self.config == other.config
-            && self.revision == other.revision
-            && self.zones == other.zones
-            && self.slots.len() == other.slots.len()
-            && self
-                .tiles()
-                .zip(other.tiles())
-                .all(|(a, b)| a.index == b.index && a.revision == b.revision && a.cells == b.cells)
+    /// Moves the zones of a scan along with it. Returns how many there are.
+    pub fn move_zones(&mut self, scan: u64, map_from_scanner: &Pose) -> usize {
+        self.zones.move_with(scan, map_from_scanner)
     }
 }
+
+/// Maps are equal when they say the same, however they came to it: whatever the order of scans, and whether these were
+/// added where they are or moved there.
+impl PartialEq for InformationMap {
+    fn eq(&self, other: &Self) -> bool {
+        let known = |map: &Self| map.tiles().filter(|tile| tile.known_cells().next().is_some()).count();
+        self.config == other.config
+            && self.zones == other.zones
+            && known(self) == known(other)
+            && self
+                .tiles()
+                .filter(|tile| tile.known_cells().next().is_some())
+                .all(|tile| other.slots.get(&tile.index).is_some_and(|&slot| tile.says_the_same(&other.tiles[slot])))
+    }
+}
+
+#[cfg(test)]
+#[path = "map_tests.rs"]
+mod tests;

@@ -1,7 +1,5 @@
 //! Can the robot cross this cell? Navigability C_nc (4.4) and the states a cell can be in.
 
-use super::cell::Cell;
-
 /// What is known of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CellState {
@@ -22,28 +20,6 @@ pub fn navigability_of(n_phi: u64, mean_f: f64, n_alpha: u64, mean_b: f64, obsta
     r * (0.5 + 0.5 * mean_f) + (1.0 - r) * (0.5 - 0.5 * mean_b)
 }
 
-impl Cell {
-    /// The cell's state with C_nc over both kinds of evidence (4.1 to 4.4); obstacle evidence weighs `obstacle_weight`.
-    #[must_use]
-    pub fn state(&self, obstacle_weight: f64) -> CellState {
-        if self.is_unknown() {
-            return CellState::Unknown;
-        }
-        let (n_phi, n_alpha) = (self.navigable_count(), self.obstacle_count());
-        let mean = |sum: u64, count: u64| sum as f64 / (65535.0 * count.max(1) as f64);
-        let mean_f = mean(self.measured.navigable_sum + self.interpolated.navigable_sum, n_phi);
-        let mean_b = mean(self.measured.obstacle_sum + self.interpolated.obstacle_sum, n_alpha);
-        CellState::Known(navigability_of(n_phi, mean_f, n_alpha, mean_b, obstacle_weight))
-    }
-
-    /// Q_a (4.5): the mean D of the cell's points; where there are none, of the interpolated evidence. `None` when
-    /// the cell is unknown.
-    #[must_use]
-    pub fn quality(&self) -> Option<f64> {
-        self.measured.mean_quality().or_else(|| self.interpolated.mean_quality())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -52,12 +28,6 @@ mod tests {
     #[test]
     fn without_navigable_or_obstacle_points_it_is_one_half() {
         assert_eq!(navigability_of(0, 0.0, 0, 0.0, 3.0), 0.5);
-    }
-
-    #[test]
-    fn an_unknown_cell_is_not_a_cell_of_one_half() {
-        assert_eq!(Cell::default().state(3.0), CellState::Unknown);
-        assert_eq!(Cell::default().quality(), None);
     }
 
     #[test]

@@ -1,174 +1,99 @@
-//! One scan on its way into the tiles.
+//! A scan's evidence on its way into the tiles, and out of them again.
 
-use super::cell::{Cell, Item};
-use super::frame::{Frame, Plane};
-use super::index::{CellIndex, TileIndex};
-use super::insert::InsertSummary;
-use super::rasterise::{cells_inside, cells_under_longest_side};
-use super::tile::{TILE_CELLS, Tile};
-use crate::analysis::PointScore;
-use crate::scan::{Grid, Point};
-use nalgebra::Vector3;
+use super::evidence::{Change, RETURN_WEIGHT};
+use super::index::{CellIndex, TileIndex, floor};
+use super::item::{CELL_SHIFT, CELL_UNITS, HEIGHT_UNITS_PER_METRE, INTERPOLATED, Item, Place};
+use super::normal_statistics::{StoredNormal, store};
+use super::scan_evidence::ScanEvidence;
+use super::tile::{TILE_SIDE, Tile};
+use crate::geometry::Pose;
+use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 
-/// Marks a point without a cell; outside of every map.
-const NOWHERE: CellIndex = CellIndex { x: i32::MAX, y: i32::MAX };
+/// Shift from units to slabs of half a metre.
+const SLAB_SHIFT: u32 = 8;
+/// Tiles along each side of the square in which tiles are found without a search.
+const NEAR: i32 = 16;
 
-/// One insert under way.
+/// What one scan did to the tiles.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub(super) struct Touched {
+    pub tiles: usize,
+}
+
+/// The tiles, being changed.
 pub(super) struct Projection<'a> {
-    tiles: &'a mut Vec<Tile>,
-    slots: &'a mut BTreeMap<TileIndex, usize>,
-    revision: u64,
-    /// The tile used last: neighbouring points mostly share it.
-    current: Option<(TileIndex, usize)>,
-    pub(super) summary: InsertSummary,
+    pub tiles: &'a mut Vec<Tile>,
+    pub slots: &'a mut BTreeMap<TileIndex, usize>,
+    pub revision: u64,
+    /// Tiles found already, by their place modulo `NEAR`.
+    near: Vec<Option<(TileIndex, usize)>>,
+    touched: Touched,
 }
 
 impl<'a> Projection<'a> {
-    pub(super) fn new(tiles: &'a mut Vec<Tile>, slots: &'a mut BTreeMap<TileIndex, usize>, revision: u64) -> Self {
-        Self { tiles, slots, revision, current: None, summary: InsertSummary::default() }
+    pub fn new(tiles: &'a mut Vec<Tile>, slots: &'a mut BTreeMap<TileIndex, usize>, revision: u64) -> Self {
+        let near = vec![None; (NEAR * NEAR) as usize];
+        Self { tiles, slots, revision, near, touched: Touched::default() }
     }
 
-    pub(super) fn add_points(
-        &mut self,
-        points: &[Point],
-        scores: &[PointScore],
-        frame: &Frame,
-        cells: &mut Vec<CellIndex>,
-    ) {
-        cells.clear();
-        cells.reserve(points.len());
-        for (point, score) in points.iter().zip(scores) {
-            cells.push(self.add_point(point, score, frame).unwrap_or(NOWHERE));
-        }
-    }
-
-    /// Counts a point and returns its cell, if it has one.
-    fn add_point(&mut self, point: &Point, score: &PointScore, frame: &Frame) -> Option<CellIndex> {
-        if !point.is_return() {
-            return None;
-        }
-        if !score.is_valid() {
-            self.summary.points_without_score += 1;
-            return None;
-        }
-        let position = frame.position(point);
-        let Some(index) = CellIndex::containing(position.x, position.y) else {
-            self.summary.points_outside += 1;
-            return None;
-        };
-        let reach = u16::from(score.is_reachable());
-        let (navigable, obstacle) = (score.navigable * reach, score.obstacle * reach);
-        let item = frame.item(navigable, obstacle, score.quality, position.z, &score.normal());
-        self.cell(index).add_measured(&item);
-        self.summary.points += 1;
-        Some(index)
-    }
-
-    pub(super) fn add_triangles(
-        &mut self,
-        points: &[Point],
-        scores: &[PointScore],
-        grid: Grid,
-        frame: &Frame,
-        cells: &[CellIndex],
-    ) {
-        const ANY_KEPT: u16 = PointScore::KEPT_WITHOUT * 0b1111;
-        let Grid { rows, cols } = grid;
-        for row in 0..rows {
-            // The quads of the last row and column lie across the seam; they keep triangles only where it is closed.
-            let below = if row + 1 < rows { row + 1 } else { 0 };
-            for col in 0..cols {
-                let a = row * cols + col;
-                if scores[a].flags & ANY_KEPT == 0 {
-                    continue;
+    /// Adds or takes away everything a scan says when it stands at `map_from_scanner`.
+    pub fn change(&mut self, change: Change, evidence: &ScanEvidence, map_from_scanner: &Pose) -> Touched {
+        let corner = (evidence.anchor.x << CELL_SHIFT, evidence.anchor.y << CELL_SHIFT);
+        let origin = Origin { x: corner.0, y: corner.1, z: evidence.anchor_height };
+        match Motion::of(evidence, map_from_scanner) {
+            None => {
+                for item in &evidence.items {
+                    let place = item.place();
+                    self.put(change, item, &origin.place(place), RETURN_WEIGHT, item.normal, item.count());
                 }
-                let right = if col + 1 < cols { col + 1 } else { 0 };
-                let quad = [a, row * cols + right, below * cols + col, below * cols + right];
-                let first = cells[quad[0]];
-                // Most quads lie within one cell, which has its own points.
-                if quad.iter().all(|&i| cells[i] == first) {
-                    continue;
-                }
-                for (without, corners) in [(0, [1, 2, 3]), (1, [0, 2, 3]), (2, [0, 1, 3]), (3, [0, 1, 2])] {
-                    if scores[a].keeps_triangle_without(without) {
-                        let [i, j, k] = corners;
-                        self.add_triangle(points, scores, [quad[i], quad[j], quad[k]], frame, cells);
+            }
+            Some(motion) => {
+                for item in &evidence.items {
+                    let (place, normal) = motion.apply(item);
+                    if item.kind() & INTERPOLATED == 0 {
+                        self.put(change, item, &origin.place(place), RETURN_WEIGHT, normal, item.count());
+                    } else {
+                        self.put_patch(change, item, origin.place(place), &motion, normal);
                     }
                 }
             }
         }
+        self.touched
     }
 
-    fn add_triangle(
-        &mut self,
-        points: &[Point],
-        scores: &[PointScore],
-        corners: [usize; 3],
-        frame: &Frame,
-        cells: &[CellIndex],
-    ) {
-        // Written out: `array::map` is not inlined here and costs as much as the rest.
-        let [a, b, c] = corners;
-        let own = [cells[a], cells[b], cells[c]];
-        let is_reachable = corners.iter().any(|&i| scores[i].is_reachable());
-        if own.contains(&NOWHERE) || !is_reachable || !has_cells_between(&own) {
-            return;
-        }
-        let positions = [frame.position(&points[a]), frame.position(&points[b]), frame.position(&points[c])];
-        let [p, q, r] = &positions;
-        let plan = [[p.x, p.y], [q.x, q.y], [r.x, r.y]];
-        self.summary.triangles += 1;
-        let obstacle = mean_obstacle(scores, corners);
-        let clipped = if frame.is_obstacle(obstacle) {
-            let height = (p.z + q.z + r.z) / 3.0;
-            let item = mean_item(scores, corners, height, frame);
-            cells_under_longest_side(&plan, &own, frame.max_cells, |cell| self.interpolate(cell, &own, &item))
+    /// A triangle over a whole cell, turned and moved: each of its quarters counts where its middle is. Middles are
+    /// half a cell apart, less than the cell's side over the root of two, so however the cells are turned none is left
+    /// without.
+    fn put_patch(&mut self, change: Change, item: &Item, middle: Place, motion: &Motion, normal: StoredNormal) {
+        let [(ux, uy), (vx, vy)] = motion.quarters;
+        let at = |dx: i32, dy: i32| Place { x: middle.x + dx, y: middle.y + dy, z: middle.z };
+        let quarters = [at(ux, uy), at(vx, vy), at(-ux, -uy), at(-vx, -vy)];
+        let cell = |p: &Place| (p.x >> CELL_SHIFT, p.y >> CELL_SHIFT);
+        if quarters.iter().all(|quarter| cell(quarter) == cell(&quarters[0])) {
+            self.put(change, item, &quarters[0], RETURN_WEIGHT, normal, 1);
         } else {
-            // Most triangles near the scanner are small and cover no cell's centre: nothing is prepared for those.
-            let mut prepared: Option<(Plane, Item)> = None;
-            cells_inside(&plan, frame.max_cells, |cell| {
-                let (plane, item) = prepared
-                    .get_or_insert_with(|| (Plane::through(&positions), mean_item(scores, corners, 0.0, frame)));
-                item.height = frame.height(plane.height_at(cell));
-                self.interpolate(cell, &own, item);
-            })
-        };
-        self.summary.triangles_clipped += usize::from(clipped);
-    }
-
-    /// Gives a triangle's evidence to a cell that holds none of its corners; the others have points of their own.
-    fn interpolate(&mut self, index: CellIndex, own: &[CellIndex; 3], item: &Item) {
-        if !own.contains(&index) {
-            self.cell(index).add_interpolated(item);
+            quarters.iter().for_each(|quarter| self.put(change, item, quarter, 1, normal, 1));
         }
     }
 
-    /// The cell at `index`, made if need be, and marked as touched.
     #[inline]
-    fn cell(&mut self, index: CellIndex) -> &mut Cell {
-        let slot = self.slot(index.tile());
+    fn put(&mut self, change: Change, item: &Item, at: &Place, weight: u32, normal: StoredNormal, count: u32) {
+        let cell = CellIndex { x: at.x >> CELL_SHIFT, y: at.y >> CELL_SHIFT };
+        let slot = self.slot(cell.tile());
         let tile = &mut self.tiles[slot];
         if tile.revision != self.revision {
             tile.revision = self.revision;
-            tile.touched = [0; TILE_CELLS / 64];
-            self.summary.tiles_changed += 1;
+            self.touched.tiles += 1;
         }
-        let within = index.within_tile();
-        let cell = &mut tile.cells[within];
-        let (word, bit) = (within / 64, 1 << (within % 64));
-        if tile.touched[word] & bit == 0 {
-            tile.touched[word] |= bit;
-            self.summary.cells_touched += 1;
-            self.summary.new_cells += usize::from(cell.is_unknown());
-        }
-        cell
+        tile.evidence_mut(cell.within_tile(), at.z >> SLAB_SHIFT).change(change, item, weight * count, at.z, normal);
     }
 
     #[inline]
     fn slot(&mut self, index: TileIndex) -> usize {
-        if let Some((current, slot)) = self.current
-            && current == index
+        let near = (index.y.rem_euclid(NEAR) * NEAR + index.x.rem_euclid(NEAR)) as usize;
+        if let Some((found, slot)) = self.near[near]
+            && found == index
         {
             return slot;
         }
@@ -176,36 +101,80 @@ impl<'a> Projection<'a> {
             self.tiles.push(Tile::new(index));
             self.tiles.len() - 1
         });
-        self.current = Some((index, slot));
+        self.near[near] = Some((index, slot));
         slot
     }
 }
 
-/// Whether a triangle with corners in these cells can cover another cell.
-fn has_cells_between(own: &[CellIndex; 3]) -> bool {
-    let span = |a: i32, b: i32, c: i32| i64::from(a.max(b).max(c)) - i64::from(a.min(b).min(c)) + 1;
-    // One cell, or two side by side, are all taken by the corners themselves.
-    span(own[0].x, own[1].x, own[2].x) * span(own[0].y, own[1].y, own[2].y) > 2
+/// From units relative to the anchor to units of the map.
+struct Origin {
+    x: i32,
+    y: i32,
+    z: i32,
 }
 
-/// The mean of a score over a triangle's corners, rounded.
-fn mean(scores: &[PointScore], corners: [usize; 3], score: impl Fn(&PointScore) -> u16) -> u16 {
-    let [a, b, c] = corners;
-    let sum = u32::from(score(&scores[a])) + u32::from(score(&scores[b])) + u32::from(score(&scores[c]));
-    ((sum + 1) / 3) as u16
+impl Origin {
+    #[inline]
+    fn place(&self, place: Place) -> Place {
+        Place { x: self.x + place.x, y: self.y + place.y, z: self.z + place.z }
+    }
 }
 
-/// The mean B of the corners; a corner out of the robot's reach has none.
-fn mean_obstacle(scores: &[PointScore], corners: [usize; 3]) -> u16 {
-    mean(scores, corners, |s| if s.is_reachable() { s.obstacle } else { 0 })
+/// How a scan has moved since it was condensed, in units relative to its anchor.
+struct Motion {
+    linear: Matrix3<f64>,
+    offset: Vector3<f64>,
+    rotation: Matrix3<f32>,
+    /// From the middle of a triangle over a cell to the middles of two of its quarters; the others lie opposite.
+    quarters: [(i32, i32); 2],
 }
 
-/// The mean scores and normal of a triangle's corners; a corner out of the robot's reach has F = B = 0.
-fn mean_item(scores: &[PointScore], corners: [usize; 3], height: f64, frame: &Frame) -> Item {
-    let navigable = mean(scores, corners, |s| if s.is_reachable() { s.navigable } else { 0 });
-    let quality = mean(scores, corners, |s| s.quality);
-    let [a, b, c] = corners;
-    let normal = scores[a].normal() + scores[b].normal() + scores[c].normal();
-    let normal = normal.try_normalize(1e-3).unwrap_or_else(Vector3::z);
-    frame.item(navigable, mean_obstacle(scores, corners), quality, height, &normal)
+impl Motion {
+    /// `None` when it stands where it stood.
+    fn of(evidence: &ScanEvidence, map_from_scanner: &Pose) -> Option<Self> {
+        if *map_from_scanner == evidence.map_from_scanner {
+            return None;
+        }
+        let new_from_old = map_from_scanner * evidence.map_from_scanner.inverse();
+        let per_metre = f64::from(CELL_UNITS) / evidence.cell_m;
+        let scale = Vector3::new(per_metre, per_metre, HEIGHT_UNITS_PER_METRE);
+        let metres = Vector3::new(1.0 / scale.x, 1.0 / scale.y, 1.0 / scale.z);
+        let rotation = new_from_old.rotation.to_rotation_matrix().into_inner();
+        let units = f64::from(CELL_UNITS);
+        let anchor = Vector3::new(
+            f64::from(evidence.anchor.x) * units,
+            f64::from(evidence.anchor.y) * units,
+            f64::from(evidence.anchor_height),
+        );
+        let anchor_m = anchor.component_mul(&metres);
+        let moved = rotation * anchor_m + new_from_old.translation.vector - anchor_m;
+        let linear = Matrix3::from_diagonal(&scale) * rotation * Matrix3::from_diagonal(&metres);
+        let quarter = units / 4.0;
+        let turned = |x: f64, y: f64| {
+            let [x, y] = [linear.m11 * x + linear.m12 * y, linear.m21 * x + linear.m22 * y];
+            (floor(x + 0.5), floor(y + 0.5))
+        };
+        let quarters = [turned(quarter, quarter), turned(quarter, -quarter)];
+        Some(Self { linear, offset: moved.component_mul(&scale), rotation: rotation.cast(), quarters })
+    }
+
+    #[inline]
+    fn apply(&self, item: &Item) -> (Place, StoredNormal) {
+        let place = item.place();
+        let (m, t) = (&self.linear, &self.offset);
+        // A unit across stands for its middle, one of height for its own value.
+        let (x, y, z) = (f64::from(place.x) + 0.5, f64::from(place.y) + 0.5, f64::from(place.z));
+        let moved = Place {
+            x: floor(m.m11 * x + m.m12 * y + m.m13 * z + t.x),
+            y: floor(m.m21 * x + m.m22 * y + m.m23 * z + t.y),
+            z: floor(m.m31 * x + m.m32 * y + m.m33 * z + t.z + 0.5),
+        };
+        let (r, n) = (&self.rotation, item.normal.map(f32::from));
+        let row = |a: f32, b: f32, c: f32| (a * n[0] + b * n[1] + c * n[2]) / 127.0;
+        let normal = Vector3::new(row(r.m11, r.m12, r.m13), row(r.m21, r.m22, r.m23), row(r.m31, r.m32, r.m33));
+        (moved, store(&normal))
+    }
 }
+
+// A tile's side in cells is a power of two; places of cells follow by shifts.
+const _: () = assert!(TILE_SIDE == 16);

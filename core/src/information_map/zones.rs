@@ -1,9 +1,10 @@
 //! Zones of interest (3.28, 3.29): places where a scan broke off, and which want to be looked at face on.
 
-use super::bytes::{Reader, TruncatedMap};
 use super::grid_line::cells_of_line;
 use super::map::InformationMap;
 use super::navigability::CellState;
+use super::scan_poses::take;
+use crate::geometry::Pose;
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -55,16 +56,36 @@ pub struct ZoneUpdate {
     pub added: usize,
 }
 
+/// A zone and the scan it was seen from, which it moves with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Origin {
+    scan: u64,
+    /// The zone in the scanner's frame.
+    zone: Zone,
+}
+
 /// The zones of all scans, each place once, in the order in which they were found.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ZoneList {
     zones: Vec<Zone>,
+    /// Where those of the same index come from.
+    origins: Vec<Origin>,
 }
 
 impl Zone {
     fn is_same_place(&self, other: &Self, config: &ZoneConfig) -> bool {
         let cos = self.normal.dot(&other.normal).abs() / (self.normal.norm() * other.normal.norm());
         (self.centre - other.centre).norm() < config.merge_distance_m && cos > config.merge_angle_deg.to_radians().cos()
+    }
+
+    /// The zone in another frame.
+    fn moved(&self, to_from_here: &Pose) -> Self {
+        Self { centre: to_from_here * self.centre, normal: to_from_here.rotation * self.normal }
+    }
+
+    fn numbers(&self) -> [f64; 6] {
+        let (c, n) = (&self.centre, &self.normal);
+        [c.x, c.y, c.z, n.x, n.y, n.z]
     }
 
     fn is_usable(&self) -> bool {
@@ -97,19 +118,22 @@ impl ZoneList {
 
     /// Takes in the zones of a scan (map frame). Of two in the same place the larger is kept. Zones that are not
     /// finite or have no area are passed over. Returns how many were merged and added.
-    pub fn merge(&mut self, seen: &[Zone], config: &ZoneConfig) -> (usize, usize) {
+    pub fn merge(&mut self, scan: u64, seen: &[Zone], map_from_scanner: &Pose, config: &ZoneConfig) -> (usize, usize) {
         let (mut merged, mut added) = (0, 0);
+        let scanner_from_map = map_from_scanner.inverse();
         for zone in seen.iter().filter(|zone| zone.is_usable()) {
-            match self.zones.iter_mut().find(|known| known.is_same_place(zone, config)) {
-                Some(known) => {
+            let origin = Origin { scan, zone: zone.moved(&scanner_from_map) };
+            match self.zones.iter().position(|known| known.is_same_place(zone, config)) {
+                Some(k) => {
                     merged += 1;
-                    if zone.normal.norm_squared() > known.normal.norm_squared() {
-                        *known = *zone;
+                    if zone.normal.norm_squared() > self.zones[k].normal.norm_squared() {
+                        (self.zones[k], self.origins[k]) = (*zone, origin);
                     }
                 }
                 None => {
                     added += 1;
                     self.zones.push(*zone);
+                    self.origins.push(origin);
                 }
             }
         }
@@ -119,34 +143,56 @@ impl ZoneList {
     /// Removes the zones that are done and returns how many.
     pub fn retire(&mut self, is_done: impl Fn(&Zone) -> bool) -> usize {
         let before = self.zones.len();
-        self.zones.retain(|zone| !is_done(zone));
+        let done: Vec<bool> = self.zones.iter().map(is_done).collect();
+        let mut keep = done.iter().map(|done| !done);
+        self.zones.retain(|_| keep.next().unwrap_or(true));
+        let mut keep = done.iter().map(|done| !done);
+        self.origins.retain(|_| keep.next().unwrap_or(true));
         before - self.zones.len()
     }
 
-    pub(super) fn write(&self, out: &mut Vec<u8>) {
+    /// Moves the zones of a scan with it, always from where that scan saw them, so that errors do not add up. Returns
+    /// how many there are.
+    pub fn move_with(&mut self, scan: u64, map_from_scanner: &Pose) -> usize {
+        let mut count = 0;
+        for (zone, origin) in self.zones.iter_mut().zip(&self.origins).filter(|(_, origin)| origin.scan == scan) {
+            *zone = origin.zone.moved(map_from_scanner);
+            count += 1;
+        }
+        count
+    }
+
+    /// Appends the zones as bytes, 104 each.
+    pub fn write(&self, out: &mut Vec<u8>) {
         out.extend_from_slice(&(self.zones.len() as u64).to_le_bytes());
-        for value in self.zones.iter().flat_map(|zone| zone.centre.coords.iter().chain(zone.normal.iter())) {
-            out.extend_from_slice(&value.to_le_bytes());
+        for (zone, origin) in self.zones.iter().zip(&self.origins) {
+            out.extend_from_slice(&origin.scan.to_le_bytes());
+            for value in [zone, &origin.zone].into_iter().flat_map(Zone::numbers) {
+                out.extend_from_slice(&value.to_le_bytes());
+            }
         }
     }
 
-    /// `None` inside when a zone is not usable.
-    pub(super) fn read(reader: &mut Reader<'_>) -> Result<Option<Self>, TruncatedMap> {
-        let count = u64::from_le_bytes(reader.array()?);
+    /// Takes what [`ZoneList::write`] wrote off the front of `bytes`; `None` when it is not there or a zone is not
+    /// usable.
+    #[must_use]
+    pub fn read(bytes: &mut &[u8]) -> Option<Self> {
         let mut list = Self::default();
-        for _ in 0..count {
-            let mut values = [0.0; 6];
-            for value in &mut values {
-                *value = f64::from_le_bytes(reader.array()?);
-            }
-            let [cx, cy, cz, nx, ny, nz] = values;
-            let zone = Zone { centre: Point3::new(cx, cy, cz), normal: Vector3::new(nx, ny, nz) };
-            if !zone.is_usable() {
-                return Ok(None);
-            }
-            list.zones.push(zone);
+        for _ in 0..u64::from_le_bytes(take(bytes)?) {
+            let scan = u64::from_le_bytes(take(bytes)?);
+            let mut zone = || {
+                let mut values = [0.0; 6];
+                for value in &mut values {
+                    *value = f64::from_le_bytes(take(bytes)?);
+                }
+                let [cx, cy, cz, nx, ny, nz] = values;
+                let zone = Zone { centre: Point3::new(cx, cy, cz), normal: Vector3::new(nx, ny, nz) };
+                zone.is_usable().then_some(zone)
+            };
+            list.zones.push(zone()?);
+            list.origins.push(Origin { scan, zone: zone()? });
         }
-        Ok(Some(list))
+        Some(list)
     }
 }
 
@@ -163,8 +209,8 @@ mod tests {
     fn the_same_place_seen_twice_is_one_zone_of_the_larger_area() {
         let mut list = ZoneList::default();
         let config = ZoneConfig::default();
-        assert_eq!(list.merge(&[zone(5.0, 0.0, [1.0, 0.0, 0.0])], &config), (0, 1));
-        assert_eq!(list.merge(&[zone(5.3, 0.0, [-2.0, 0.1, 0.0])], &config), (1, 0));
+        assert_eq!(list.merge(0, &[zone(5.0, 0.0, [1.0, 0.0, 0.0])], &Pose::identity(), &config), (0, 1));
+        assert_eq!(list.merge(1, &[zone(5.3, 0.0, [-2.0, 0.1, 0.0])], &Pose::identity(), &config), (1, 0));
         assert_eq!(list.as_slice(), &[zone(5.3, 0.0, [-2.0, 0.1, 0.0])]);
     }
 
@@ -172,27 +218,47 @@ mod tests {
     fn another_place_or_another_side_is_another_zone() {
         let mut list = ZoneList::default();
         let zones = [zone(5.0, 0.0, [1.0, 0.0, 0.0]), zone(5.0, 0.0, [0.0, 1.0, 0.0]), zone(8.0, 0.0, [1.0, 0.0, 0.0])];
-        assert_eq!(list.merge(&zones, &ZoneConfig::default()), (0, 3));
+        assert_eq!(list.merge(0, &zones, &Pose::identity(), &ZoneConfig::default()), (0, 3));
     }
 
     #[test]
     fn a_zone_without_area_or_place_is_passed_over() {
         let mut list = ZoneList::default();
         let zones = [zone(5.0, 0.0, [0.0; 3]), zone(f64::NAN, 0.0, [1.0, 0.0, 0.0])];
-        assert_eq!(list.merge(&zones, &ZoneConfig::default()), (0, 0));
+        assert_eq!(list.merge(0, &zones, &Pose::identity(), &ZoneConfig::default()), (0, 0));
     }
 
     #[test]
     fn a_zone_is_done_once_seen_face_on_but_not_edge_on_or_from_too_far() {
         let mut map = InformationMap::new(MapConfig::default()).unwrap();
         let config = ZoneConfig::default();
-        let at = |x: f64, y: f64| Point3::new(x, y, 1.0);
+        let at = |x: f64, y: f64| Pose::translation(x, y, 1.0);
         let wall = zone(10.0, 0.0, [2.0, 0.0, 0.0]);
-        map.update_zones(&[wall], &at(10.0, -8.0), &config);
+        map.update_zones(0, &[wall], &at(10.0, -8.0), &config);
         assert_eq!(map.zones().len(), 1);
-        assert_eq!(map.update_zones(&[], &at(10.0, -8.0), &config).retired, 0);
-        assert_eq!(map.update_zones(&[], &at(-60.0, 0.0), &config).retired, 0);
-        assert_eq!(map.update_zones(&[], &at(0.0, 0.0), &config).retired, 1);
+        assert_eq!(map.update_zones(1, &[], &at(10.0, -8.0), &config).retired, 0);
+        assert_eq!(map.update_zones(1, &[], &at(-60.0, 0.0), &config).retired, 0);
+        assert_eq!(map.update_zones(1, &[], &at(0.0, 0.0), &config).retired, 1);
         assert!(map.zones().is_empty());
+    }
+
+    #[test]
+    fn zones_move_with_the_scan_they_were_seen_from_and_survive_their_bytes() {
+        let mut list = ZoneList::default();
+        let config = ZoneConfig::default();
+        list.merge(3, &[zone(5.0, 0.0, [1.0, 0.0, 0.0])], &Pose::translation(1.0, 0.0, 0.0), &config);
+        list.merge(4, &[zone(9.0, 0.0, [1.0, 0.0, 0.0])], &Pose::translation(2.0, 0.0, 0.0), &config);
+        let turned = Pose::new(Vector3::new(1.0, 0.5, 0.0), Vector3::new(0.0, 0.0, std::f64::consts::FRAC_PI_2));
+        assert_eq!(list.move_with(3, &turned), 1);
+        let moved = list.as_slice()[0];
+        assert!((moved.centre - Point3::new(1.0, 4.5, 1.0)).norm() < 1e-12);
+        assert!((moved.normal - Vector3::y()).norm() < 1e-12);
+        assert_eq!(list.as_slice()[1], zone(9.0, 0.0, [1.0, 0.0, 0.0]));
+        let mut bytes = Vec::new();
+        list.write(&mut bytes);
+        assert_eq!(ZoneList::read(&mut &bytes[..]), Some(list));
+        for length in 0..bytes.len() {
+            assert_eq!(ZoneList::read(&mut &bytes[..length]), None);
+        }
     }
 }

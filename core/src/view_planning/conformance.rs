@@ -246,7 +246,8 @@ fn poor_quality_draws_the_robot_and_so_does_a_zone() {
 
     let mut map = map_of(&field(40, 40), 1.0);
     let zone = Zone { centre: Point3::new(12.0, 6.0, 1.0), normal: Vector3::new(20.0, 0.0, 0.0) };
-    map.update_zones(&[zone], &Point3::new(6.0, 6.0, 1.0), &ZoneConfig { retire_range_m: 0.0, ..Default::default() });
+    let zones = ZoneConfig { retire_range_m: 0.0, ..Default::default() };
+    map.update_zones(0, &[zone], &Pose::translation(6.0, 6.0, 1.0), &zones);
     let plan = MultiCriteria.plan(&map, &at(6.0, 2.0), &config);
     let best = plan.candidates.iter().max_by(|a, b| a.zones.total_cmp(&b.zones)).unwrap();
     assert!(best.zones > 0.9 && (best.position[1] - 6.0).abs() < 2.5, "{best:?}");

@@ -1,8 +1,11 @@
 //! The part of the information map that a plan looks at, laid out densely for speed.
 
 use super::config::PlanningConfig;
-use crate::information_map::{Cell, CellIndex, CellState, InformationMap, TILE_SIDE};
+use crate::information_map::{CellIndex, CellState, InformationMap, Level, Reach, TILE_SIDE};
 use nalgebra::Point3;
+
+/// Neighbouring levels whose ground differs by more than this are not of the same way [m].
+const MAX_STEP_M: f64 = 0.5;
 
 /// What gain and cost need of a known cell, 40 bytes.
 #[derive(Debug, Clone, Copy)]
@@ -76,12 +79,7 @@ impl PlanningGrid {
             known: Vec::new(),
         };
         grid.mark_area(config);
-        for (index, cell) in map.known_cells() {
-            let away = (index.x - here.x).abs().max((index.y - here.y).abs());
-            if away < reach {
-                grid.add(index, cell, map.config().obstacle_weight, away <= horizon, config);
-            }
-        }
+        grid.add_known(map, robot, here, (horizon, reach), config);
         grid.mark_cramped(config.footprint_radius_m);
         Some(grid)
     }
@@ -97,8 +95,50 @@ impl PlanningGrid {
         }
     }
 
-    fn add(&mut self, index: CellIndex, cell: &Cell, weight: f64, in_horizon: bool, config: &PlanningConfig) {
-        let (Some(at), CellState::Known(navigability)) = (self.at(index), cell.state(weight)) else { return };
+    /// Every known cell at the level the robot would be on there.
+    fn add_known(
+        &mut self,
+        map: &InformationMap,
+        robot: &Point3<f64>,
+        here: CellIndex,
+        (horizon, reach): (i32, i32),
+        config: &PlanningConfig,
+    ) {
+        let (weight, clearance) = (map.config().obstacle_weight, map.config().clearance_m);
+        let mut several = Vec::new();
+        for (index, cell) in map.known_cells() {
+            let away = (index.x - here.x).abs().max((index.y - here.y).abs());
+            if away < reach {
+                let levels = cell.levels(clearance);
+                if let Some(lowest) = levels.as_slice().first() {
+                    self.add(index, lowest, weight, away <= horizon, config);
+                }
+                if levels.as_slice().len() > 1 {
+                    several.push((index, cell, away <= horizon));
+                }
+            }
+        }
+        if several.is_empty() {
+            return;
+        }
+        let choice = map.choose_levels(&Reach {
+            robot: *robot,
+            window_m: f64::from(reach) * map.cell_m(),
+            start_m: config.start_clearance_m,
+            max_step_m: MAX_STEP_M,
+            navigable_threshold: config.navigable_threshold,
+        });
+        for (index, cell, in_horizon) in several {
+            let levels = cell.levels(clearance);
+            if let Some(level) = choice.pick(index, &levels) {
+                self.add(index, level, weight, in_horizon, config);
+            }
+        }
+    }
+
+    fn add(&mut self, index: CellIndex, level: &Level, weight: f64, in_horizon: bool, config: &PlanningConfig) {
+        let (Some(at), CellState::Known(navigability)) = (self.at(index), level.state(weight)) else { return };
+        let evidence = &level.evidence;
         let mut flags = self.flags[at] & Self::IN_AREA;
         if flags != 0 {
             flags |= Self::KNOWN;
@@ -111,12 +151,12 @@ impl PlanningGrid {
         }
         self.flags[at] = flags;
         self.slots[at] = self.known.len() as u32;
-        let height = cell.height().unwrap_or(0.0);
+        let height = evidence.height().unwrap_or(0.0);
         self.known.push(KnownCell {
-            moments: cell.normals.mean_moments(cell.evidence_count()),
+            moments: evidence.mean_moments(),
             height: height as f32,
-            ground: cell.ground_height().unwrap_or(height) as f32,
-            quality: cell.quality().unwrap_or(0.0) as f32,
+            ground: evidence.ground_height().unwrap_or(height) as f32,
+            quality: evidence.quality().unwrap_or(0.0) as f32,
             navigability: navigability as f32,
         });
     }

@@ -90,21 +90,25 @@ pub const MAP_TILE_SIDE: usize = 16;
 pub const MAP_TILE_CELLS: usize = MAP_TILE_SIDE * MAP_TILE_SIDE;
 
 message! {
-    /// One cell of the information map.
-    pub struct MapCell: "mirador/MapCell/1", size 24 {
-        /// Height of the surface in the map [m]; NaN when unknown.
+    /// One level of a cell of the information map.
+    pub struct MapCell: "mirador/MapCell/2", size 32 {
+        /// Mean height of everything seen of it [m, map]; NaN when unknown.
         pub height: f32,
+        /// Mean height of its ground [m, map]; NaN without ground to drive on.
+        pub ground: f32,
+        /// Free height over it to what hangs there or to the next level [m]; infinite under the open sky.
+        pub clearance: f32,
         /// C_nc, navigability; only with evidence.
         pub navigability: u16,
-        /// Q_a, mean quality; only with measured evidence.
+        /// Q_a, mean quality; only with evidence.
         pub quality: u16,
         /// Mean F over the navigable points.
         pub navigable_mean: u16,
         /// Mean B over the obstacle points.
         pub obstacle_mean: u16,
-        /// Points measured in the cell.
+        /// Points measured.
         pub measured: u32,
-        /// Triangles that cover the cell without a point in it.
+        /// Triangles that cover its middle.
         pub interpolated: u32,
         /// Bit 0: known (any evidence at all).
         pub flags: u32,
@@ -112,20 +116,32 @@ message! {
 }
 
 message! {
-    /// A square of the information map: cell (column, row) of the tile has index `row * 16 + column`.
-    pub struct MapTile: "mirador/MapTile/1", size 6152 {
+    /// One level of a square of the information map: cell (column, row) of the tile has index `row * 16 + column`. A tile
+    /// is always sent with all its levels; readers drop those from `levels` on, which it had before.
+    pub struct MapTile: "mirador/MapTile/2", size 8208 {
         /// Column of the tile; its first cell begins at `tile_x * 16 * cell size` in the map.
         pub tile_x: i32,
         /// Row of the tile.
         pub tile_y: i32,
+        /// Which level of the cells, counted from the lowest of each: 1 is the deck where 0 is the road under it.
+        pub level: u32,
+        /// Number of levels of the tile; 1 unless something can be passed both under and over.
+        pub levels: u32,
         /// The cells.
         pub cells: [MapCell; 256],
     }
 }
 
+/// The map has changed because of the scan that the header names.
+pub const MAP_CAUSE_SCAN: u32 = 0;
+/// Poses were corrected after that scan.
+pub const MAP_CAUSE_CORRECTION: u32 = 1;
+/// Nothing has changed: the whole map is said again after a restart.
+pub const MAP_CAUSE_RESTART: u32 = 2;
+
 message! {
     /// The meta part of an information map message; the items are the tiles that changed.
-    pub struct MapMeta: "mirador/MapMeta/1", size 104 {
+    pub struct MapMeta: "mirador/MapMeta/2", size 104 {
         /// Names the scan after which the tiles hold.
         pub header: Header,
         /// Counts the updates of the map.
@@ -144,7 +160,9 @@ message! {
         pub part: u32,
         /// Messages of the update.
         pub parts: u32,
-        /// Not used.
-        pub reserved: u64,
+        /// One of the `MAP_CAUSE_*` constants.
+        pub cause: u32,
+        /// Scans that were moved since the update before.
+        pub moved_scans: u32,
     }
 }

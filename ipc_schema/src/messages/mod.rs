@@ -21,7 +21,8 @@ pub use alignment::{
     RegistrationRequestMeta, RegistrationResult, ScanPair,
 };
 pub use analysis::{
-    MAP_TILE_CELLS, MAP_TILE_SIDE, MapCell, MapMeta, MapTile, PointScore, ScoredScanMeta, ZONE_MERGED, Zone,
+    MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, MAP_TILE_CELLS, MAP_TILE_SIDE, MapCell, MapMeta, MapTile,
+    PointScore, ScoredScanMeta, ZONE_MERGED, Zone,
 };
 pub use header::{Envelope, Header, Meta, ScanId};
 pub use health::{SERVICE_FAILED, SERVICE_RUNNING, SERVICE_STARTING, SERVICE_STOPPING, ServiceHealth};

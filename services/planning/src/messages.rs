@@ -1,7 +1,8 @@
 //! Plans and map tiles as messages.
 
-use mirador_core::information_map::{CellState, InformationMap, Tile};
+use mirador_core::information_map::{InformationMap, Level, Tile};
 use mirador_core::view_planning::{Candidate, Decision, Rejected, RejectionReason, StopReason, ViewPlan};
+use mirador_ipc_schema::layout::Record;
 use mirador_ipc_schema::messages::{
     CANDIDATE_OPEN, CandidateView, DECISION_GO, DECISION_STOP, MAP_TILE_CELLS, MapCell, MapTile, ViewPlanMeta,
 };
@@ -86,32 +87,85 @@ pub(crate) fn rejected(rejected: &Rejected) -> CandidateView {
     CandidateView { position: [x, y, 0.0], status, reason: text::pack(reason), ..CandidateView::default() }
 }
 
-/// A tile of the map, written in place.
-pub(crate) fn write_tile(tile: &Tile, map: &InformationMap, out: &mut MapTile) {
+/// A tile of the map, as one message item for each of its levels.
+pub(crate) fn write_levels(tile: &Tile, map: &InformationMap, out: &mut Vec<MapTile>) {
     let index = tile.index();
-    out.tile_x = index.x;
-    out.tile_y = index.y;
-    out.cells = [MapCell { height: f32::NAN, ..MapCell::default() }; MAP_TILE_CELLS];
+    let first = out.len();
+    let unknown = MapCell { height: f32::NAN, ground: f32::NAN, clearance: f32::NAN, ..MapCell::default() };
+    let blank = MapTile { tile_x: index.x, tile_y: index.y, level: 0, levels: 1, cells: [unknown; MAP_TILE_CELLS] };
+    out.push(blank);
     for (cell_index, cell) in tile.known_cells() {
-        let CellState::Known(navigability) = cell.state(map.config().obstacle_weight) else { continue };
-        let Some(place) = out.cells.get_mut(cell_index.within_tile()) else { continue };
-        let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
-        *place = MapCell {
-            height: cell.height().map_or(f32::NAN, |h| h as f32),
-            navigability: quantise(navigability),
-            quality: quantise(cell.quality().unwrap_or(0.0)),
-            navigable_mean: mean(cell.measured.navigable_sum + cell.interpolated.navigable_sum, cell.navigable_count()),
-            obstacle_mean: mean(cell.measured.obstacle_sum + cell.interpolated.obstacle_sum, cell.obstacle_count()),
-            measured: count(u64::from(cell.measured.count)),
-            interpolated: count(u64::from(cell.interpolated.count)),
-            flags: 1,
-        };
+        let levels = cell.levels(map.config().clearance_m);
+        for (k, level) in levels.as_slice().iter().enumerate() {
+            if out.len() == first + k {
+                out.push(MapTile { level: k as u32, ..blank });
+            }
+            let place = out.get_mut(first + k).and_then(|tile| tile.cells.get_mut(cell_index.within_tile()));
+            if let Some(place) = place {
+                *place = map_cell(level, map.config().obstacle_weight);
+            }
+        }
+    }
+    let levels = (out.len() - first) as u32;
+    out.iter_mut().skip(first).for_each(|tile| tile.levels = levels);
+}
+
+fn map_cell(level: &Level, obstacle_weight: f64) -> MapCell {
+    let evidence = &level.evidence;
+    let metres = |value: Option<f64>| value.map_or(f32::NAN, |v| v as f32);
+    let count = |n: u64| u32::try_from(n).unwrap_or(u32::MAX);
+    MapCell {
+        height: metres(evidence.height()),
+        ground: metres(evidence.ground_height()),
+        clearance: level.clearance as f32,
+        navigability: quantise(evidence.navigability(obstacle_weight).unwrap_or(0.0)),
+        quality: quantise(evidence.quality().unwrap_or(0.0)),
+        navigable_mean: quantise(evidence.mean_navigable()),
+        obstacle_mean: quantise(evidence.mean_obstacle()),
+        measured: count(evidence.measured_count()),
+        interpolated: count(evidence.interpolated_count()),
+        flags: 1,
     }
 }
 
-/// The mean of scores that are stored as value * 65535.
-fn mean(sum: u64, count: u64) -> u16 {
-    u16::try_from(sum / count.max(1)).unwrap_or(u16::MAX)
+/// The map in two figures.
+pub(crate) struct Figures {
+    pub cells_known: u32,
+    pub mean_quality: f64,
+}
+
+/// Known cells, and their mean quality.
+pub(crate) fn figures(map: &InformationMap) -> Figures {
+    let (mut known, mut quality) = (0_u32, 0.0);
+    for (_, cell) in map.known_cells() {
+        known += 1;
+        quality += cell.quality().unwrap_or(0.0);
+    }
+    Figures { cells_known: known, mean_quality: if known == 0 { 0.0 } else { quality / f64::from(known) } }
+}
+
+/// C_nc at a place of a path: of the level whose ground is nearest to it, 0 where nothing is known.
+pub(crate) fn navigability_at(map: &InformationMap, [x, y, z]: [f64; 3]) -> f64 {
+    let Some(cell) = map.cell_containing(x, y).and_then(|index| map.cell(index)) else { return 0.0 };
+    let levels = cell.levels(map.config().clearance_m);
+    let away = |level: &&Level| (level.ground() - z).abs();
+    let nearest = levels.as_slice().iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+    nearest.and_then(|level| level.evidence.navigability(map.config().obstacle_weight)).unwrap_or(0.0)
+}
+
+/// A message as bytes.
+pub(crate) fn to_bytes<M: Record, I: Record>(meta: &M, items: &[I]) -> Vec<u8> {
+    [bytemuck::bytes_of(meta), bytemuck::cast_slice(items)].concat()
+}
+
+/// The message of [`to_bytes`]; `None` when these are not its bytes.
+pub(crate) fn from_bytes<M: Record, I: Record>(bytes: &[u8]) -> Option<(M, Vec<I>)> {
+    let (meta, items) = bytes.split_at_checked(size_of::<M>())?;
+    if !items.len().is_multiple_of(size_of::<I>()) {
+        return None;
+    }
+    let items = items.chunks_exact(size_of::<I>()).map(bytemuck::pod_read_unaligned).collect();
+    Some((bytemuck::pod_read_unaligned(meta), items))
 }
 
 fn quantise(value: f64) -> u16 {
@@ -121,6 +175,10 @@ fn quantise(value: f64) -> u16 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use mirador_core::analysis::PointScore;
+    use mirador_core::geometry::Pose;
+    use mirador_core::information_map::MapConfig;
+    use mirador_core::scan::{Point, ScanView};
 
     #[test]
     fn a_path_is_as_long_as_its_pieces() {
@@ -133,5 +191,27 @@ mod tests {
         let (code, words) = stop_reason(StopReason::Done);
         assert_eq!(code, "done");
         assert!(words.len() <= 128);
+    }
+
+    #[test]
+    fn a_tile_has_an_item_for_each_of_its_levels() {
+        let points: Vec<_> = [(0.1, 0.0), (0.5, 0.0), (0.5, 3.0)].map(|(x, z)| Point::new(x, 0.1, z)).to_vec();
+        let mut score = PointScore { flags: 3, navigable: 65535, quality: 32768, ..PointScore::NONE };
+        score.set_normal(&nalgebra::Vector3::z());
+        let mut map = InformationMap::new(MapConfig::default()).unwrap();
+        map.insert(ScanView::unordered(&points), &[score; 3], &Pose::identity()).unwrap();
+        let mut tiles = Vec::new();
+        map.tiles().for_each(|tile| write_levels(tile, &map, &mut tiles));
+        assert_eq!(tiles.iter().map(|t| (t.level, t.levels)).collect::<Vec<_>>(), [(0, 2), (1, 2)]);
+        let (road, deck) = (&tiles[0].cells, &tiles[1].cells);
+        assert_eq!((road[0].flags, road[1].flags, road[2].flags), (1, 1, 0));
+        assert_eq!((deck[0].flags, deck[1].flags), (0, 1));
+        assert_eq!((road[1].ground, deck[1].ground, road[1].clearance), (0.0, 3.0, 3.0));
+        assert_eq!(deck[1].clearance, f32::INFINITY);
+        assert!(road[2].ground.is_nan());
+        assert_eq!(road[0].navigability, 65535);
+        assert_eq!(figures(&map).cells_known, 2);
+        assert!((navigability_at(&map, [0.5, 0.1, 2.9]) - 1.0).abs() < 1e-9);
+        assert_eq!(navigability_at(&map, [5.0, 5.0, 0.0]), 0.0);
     }
 }

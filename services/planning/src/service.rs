@@ -1,18 +1,22 @@
-//! The loop: a scored scan comes, the map is updated, the decision goes out.
+//! The loop: a scored scan comes, the map is updated, the decision goes out; older scans that were corrected are moved.
 
 use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, pose_from_rows, rows_from_pose};
-use mirador_core::information_map::{Cell, CellState, InformationMap, TILE_CELLS, Tile, Zone};
-use mirador_core::view_planning::{Situation, Strategy, StrategyRegistry, ViewPlan};
+use mirador_core::information_map::{Condenser, Correction};
+use mirador_core::view_planning::{Situation, Strategy, StrategyRegistry};
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_REJECTED, AlignmentMeta, Header, MapMeta, PathMeta, ScanId, ViewPlanMeta, Waypoint,
+    ALIGNMENT_REJECTED, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, ViewPlanMeta,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Wakeable, clock, topics};
-use mirador_service_common::{CheckpointError, InOrder, ServiceError, checkpoint, log_place, nanoseconds, view};
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use mirador_ipc_schema::{Participant, Wakeable, clock};
+use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
+use crate::corrections::Corrections;
+use crate::inbox::{Inbox, Step};
+use crate::outbox::{Outbox, TileNews};
+use crate::state::{self, KeptMap, Progress};
 use crate::{PlanningServiceConfig, messages};
 
 /// Plans after every scan of the run until the process is stopped.
@@ -24,13 +28,18 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
     let participant = setup.join()?;
     let mut planning = Planning::open(setup, config, &participant)?;
     planning.health.running(&participant);
-    if planning.finished_scans > 0 {
-        // What an earlier incarnation has finished is done: lockstep may wait for these very words.
-        planning.health.finished(&participant, planning.finished_scans, Duration::ZERO);
-    }
+    planning.begin(&participant)?;
     while !setup.stop.is_set() {
-        participant.wait(&planning.inbox.awaited(), HEARTBEAT);
+        planning.wait(&participant);
+        planning.corrections.receive()?;
+        planning.move_scans(&participant)?;
         while let Some(step) = planning.inbox.next()? {
+            // What belongs to scans before it is there by now, and holds for its plan.
+            planning.corrections.receive()?;
+            if planning.config.corrections.before_next_scan {
+                planning.note_corrections();
+                while planning.move_one()? {}
+            }
             planning.take_in(&participant, &step)?;
         }
         planning.outbox.serve_late_joiners();
@@ -39,99 +48,22 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
     Ok(())
 }
 
-/// Everything that belongs to one scan.
-struct Step {
-    scan: Received<topics::Scan>,
-    scores: Received<topics::ScoredScan>,
-    alignment: AlignmentMeta,
-    zones: Vec<Zone>,
-}
-
-struct Inbox {
-    scans: InOrder<topics::Scan>,
-    alignments: InOrder<topics::Alignment>,
-    scores: InOrder<topics::ScoredScan>,
-    zones: InOrder<topics::Zones>,
-}
-
-impl Inbox {
-    fn open(participant: &Participant) -> Result<Self, ServiceError> {
-        Ok(Self {
-            scans: InOrder::new(participant.subscriber()?),
-            alignments: InOrder::new(participant.subscriber()?),
-            scores: InOrder::new(participant.subscriber()?),
-            zones: InOrder::new(participant.subscriber()?),
-        })
-    }
-
-    fn awaited(&self) -> Vec<&dyn Wakeable> {
-        let ports = [self.scans.awaited(0), self.alignments.awaited(0), self.scores.awaited(0), self.zones.awaited(0)];
-        ports.into_iter().flatten().collect()
-    }
-
-    /// The next scored scan with everything that belongs to it, if all of it is there.
-    fn next(&mut self) -> Result<Option<Step>, ServiceError> {
-        loop {
-            self.scores.fill(0)?;
-            let id = self.scores.front();
-            self.scans.discard_before(id.unwrap_or(0));
-            self.alignments.discard_before(id.unwrap_or(0));
-            self.zones.discard_before(id.unwrap_or(0));
-            self.scans.fill(0)?;
-            self.alignments.fill(0)?;
-            self.zones.fill(0)?;
-            let Some(id) = id else { return Ok(None) };
-            let parts = [self.scans.front(), self.alignments.front(), self.zones.front()];
-            if parts.iter().any(|part| part.is_some_and(|of| of > id)) {
-                tracing::warn!(scan = ScanId::unpack(id).scan, "a part of it was lost; it is not planned on");
-                self.scores.pop();
-            } else if parts.iter().all(|part| *part == Some(id)) {
-                return Ok(self.put_together());
-            } else if parts.iter().all(|part| part.is_none_or(|of| of == id)) {
-                return Ok(None);
-            }
-            // Else parts of older scans came in just now; they are let go, and what follows them is looked at.
-        }
-    }
-
-    /// The step of the oldest messages.
-    fn put_together(&mut self) -> Option<Step> {
-        let (scan, scores) = (self.scans.pop()?, self.scores.pop()?);
-        let (alignment, zones) = (self.alignments.pop()?, self.zones.pop()?);
-        Some(Step { scan, scores, alignment: *alignment.meta(), zones: read_zones(&zones) })
-    }
-}
-
-fn read_zones(message: &Received<topics::Zones>) -> Vec<Zone> {
-    let point = |v: [f32; 3]| Vector3::from(v).cast::<f64>();
-    message.items().iter().map(|z| Zone { centre: Point3::from(point(z.centre)), normal: point(z.normal) }).collect()
-}
-
-struct Outbox {
-    plans: Publisher<topics::ViewPlan>,
-    paths: Publisher<topics::Path>,
-    tiles: Publisher<topics::InformationMap>,
-}
-
-impl Outbox {
-    fn serve_late_joiners(&self) {
-        self.plans.serve_late_joiners();
-        self.paths.serve_late_joiners();
-        self.tiles.serve_late_joiners();
-    }
-}
-
 struct Planning<'a> {
     setup: &'a ServiceSetup,
     config: PlanningServiceConfig,
     inbox: Inbox,
+    corrections: Corrections,
     outbox: Outbox,
     health: HealthReporter,
-    map: InformationMap,
+    kept: KeptMap,
+    condenser: Condenser,
     strategy: Box<dyn Strategy>,
-    finished_scans: u32,
-    /// The last decision was taken by an earlier incarnation, and nobody gets it from the history any more.
-    is_decision_lost: bool,
+    progress: Progress,
+    /// When the last plan was out.
+    planned_at: Instant,
+    /// Scans that were moved since tiles were sent, and the revision those showed.
+    moved: u32,
+    shown_revision: u64,
 }
 
 impl<'a> Planning<'a> {
@@ -140,53 +72,159 @@ impl<'a> Planning<'a> {
         config: &PlanningServiceConfig,
         participant: &Participant,
     ) -> Result<Self, ServiceError> {
-        let (map, finished_scans) = saved_map(setup, config)?;
+        // Readers first: what is sent while the map is made again waits in their buffers.
+        let (inbox, corrections) = (Inbox::open(participant)?, Corrections::open(participant)?);
+        let health = HealthReporter::open(participant, &setup.name)?;
+        let (kept, progress) = state::open(&setup.state_file(), setup.incarnation == 0, config)?;
         let strategy = StrategyRegistry::default()
             .create(&config.view.strategy)
             .map_err(|e| ServiceError::Config(e.to_string()))?;
         Ok(Self {
             setup,
             config: config.clone(),
-            inbox: Inbox::open(participant)?,
-            outbox: Outbox {
-                plans: participant.publisher()?,
-                paths: participant.publisher()?,
-                tiles: participant.publisher()?,
-            },
-            health: HealthReporter::open(participant, &setup.name)?,
-            map,
+            inbox,
+            corrections,
+            outbox: Outbox::open(participant)?,
+            health,
+            shown_revision: kept.map.revision(),
+            kept,
+            condenser: Condenser::new(),
             strategy,
-            finished_scans,
-            is_decision_lost: finished_scans > 0,
+            progress,
+            planned_at: Instant::now(),
+            moved: 0,
         })
+    }
+
+    /// After a restart: says again what was said last, and what is finished. Lockstep may wait for these very words.
+    fn begin(&mut self, participant: &Participant) -> Result<(), ServiceError> {
+        if self.progress.planned_scans == 0 {
+            return Ok(());
+        }
+        self.outbox.repeat(&self.progress.last_plan, &self.progress.last_path)?;
+        let header = self.progress.header(clock::monotonic_ns());
+        let news = TileNews { header, since: 0, cause: MAP_CAUSE_RESTART, moved_scans: 0 };
+        self.outbox.send_tiles(&self.kept.map, &news)?;
+        self.health.finished(participant, self.progress.finished_scans, Duration::ZERO);
+        Ok(())
+    }
+
+    fn wait(&mut self, participant: &Participant) {
+        let mut ports = self.inbox.awaited();
+        ports.extend(self.corrections.awaited() as [&dyn Wakeable; 2]);
+        let timeout = if self.kept.poses.due() > 0 { Duration::ZERO } else { HEARTBEAT };
+        participant.wait(&ports, timeout);
+    }
+
+    /// Moves the scans that were corrected, one after the other, unless a new scan comes: then the rest is done after
+    /// that. With the last one the tiles go out, and the scans planned on count as finished.
+    fn move_scans(&mut self, participant: &Participant) -> Result<(), ServiceError> {
+        let begin = Instant::now();
+        self.note_corrections();
+        while !self.setup.stop.is_set() && !self.inbox.is_next_there()? && self.move_one()? {
+            self.health.heartbeat(participant);
+        }
+        if self.kept.poses.due() > 0 {
+            return Ok(());
+        }
+        let finished = self.finished_scans();
+        if self.moved == 0 && finished == self.progress.finished_scans {
+            return Ok(());
+        }
+        if self.moved > 0 {
+            self.show(self.progress.header(clock::monotonic_ns()), MAP_CAUSE_CORRECTION)?;
+        }
+        self.progress.finished_scans = finished;
+        state::save(&self.setup.state_file(), &self.kept, &self.progress)?;
+        self.health.finished(participant, finished, begin.elapsed());
+        Ok(())
+    }
+
+    /// How many scans are finished: planned on, and alignment has said what came of older ones, or did not in time.
+    fn finished_scans(&mut self) -> u32 {
+        let corrections = &self.config.corrections;
+        let patience = Duration::from_millis(corrections.patience_ms.into());
+        let planned = self.progress.planned_scans;
+        if !corrections.awaited {
+            return planned;
+        }
+        if self.progress.finished_scans < planned && self.planned_at.elapsed() > patience {
+            tracing::warn!(scan = planned - 1, "alignment has not said what came of older scans; going on without");
+            return planned;
+        }
+        self.progress.finished_scans.max(self.corrections.queue().told_scans().min(planned))
+    }
+
+    /// Notes where scans belong by the corrections that came after scans that are planned on.
+    fn note_corrections(&mut self) {
+        let planned = self.progress.planned_scans;
+        for (scan, pose) in self.corrections.queue().due(planned) {
+            if self.kept.poses.correct(scan.into(), &pose, &self.config.corrections.limits) == Correction::Unknown {
+                tracing::debug!(scan, "its pose was corrected, but it is not in the map");
+            }
+        }
+    }
+
+    /// Moves one scan that is not where it belongs; whether there was one.
+    fn move_one(&mut self) -> Result<bool, ServiceError> {
+        let Some(due) = self.kept.poses.next_move() else { return Ok(false) };
+        let number = u32::try_from(due.scan).unwrap_or(u32::MAX);
+        let work = |reason: String| ServiceError::Work(format!("scan {number} cannot be moved: {reason}"));
+        let evidence = self.kept.file.read(number)?.ok_or_else(|| work("its summary is gone".into()))?;
+        self.kept.map.move_scan(&evidence, &due.from, &due.to).map_err(|e| work(e.to_string()))?;
+        self.kept.map.move_zones(due.scan, &due.to);
+        self.kept.poses.moved(&due);
+        self.moved += 1;
+        Ok(true)
     }
 
     fn take_in(&mut self, participant: &Participant, step: &Step) -> Result<(), ServiceError> {
         let begin = Instant::now();
         let number = step.scan.header().scan();
-        let is_lost = std::mem::take(&mut self.is_decision_lost) && number + 1 == self.finished_scans;
-        if number < self.finished_scans && !is_lost {
-            self.health.finished(participant, self.finished_scans, Duration::ZERO);
+        if number < self.progress.planned_scans {
+            self.health.finished(participant, self.progress.finished_scans, Duration::ZERO);
             return Ok(());
         }
         log_place(number, || step.scan.location());
-        let began_ns = clock::monotonic_ns();
+        let header = Header::about(step.scan.header(), clock::monotonic_ns());
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let map_from_scanner = pose_from_rows(&step.alignment.map_from_scanner)
             .ok_or_else(|| work("its alignment is not a rigid pose".into()))?;
-        // The scan of a lost decision is in the map already: the same is decided again, and the whole map is sent.
-        let revision_before = if is_lost { 0 } else { self.map.revision() };
-        if !is_lost && step.alignment.status != ALIGNMENT_REJECTED {
-            self.update_map(step, &map_from_scanner).map_err(work)?;
+        if step.alignment.status != ALIGNMENT_REJECTED {
+            self.update_map(number, step, &map_from_scanner).map_err(work)?;
         }
-        let map_time = begin.elapsed();
-        self.decide(step, &map_from_scanner, Header::about(step.scan.header(), began_ns), map_time)?;
-        self.send_tiles(Header::about(step.scan.header(), began_ns), revision_before)?;
-        if !is_lost {
-            self.finished_scans = number + 1;
-            save_map(self.setup, &self.map, self.finished_scans)?;
+        self.decide(step, &map_from_scanner, header, begin.elapsed())?;
+        self.planned_at = Instant::now();
+        if step.alignment.status != ALIGNMENT_REJECTED {
+            // Still the summary of this scan; off the way of the plan, as disks are slow.
+            let evidence = self.condenser.last().ok_or_else(|| work("its summary is gone".into()))?;
+            self.kept.file.append(number, evidence)?;
         }
-        self.health.finished(participant, self.finished_scans, begin.elapsed());
+        self.show(header, MAP_CAUSE_SCAN)?;
+        self.progress.planned_scans = number + 1;
+        self.progress.last_scan = (header.id, header.stamp_ns, header.clock_id);
+        if !self.config.corrections.awaited {
+            self.progress.finished_scans = number + 1;
+        }
+        state::save(&self.setup.state_file(), &self.kept, &self.progress)?;
+        if !self.config.corrections.awaited {
+            self.health.finished(participant, self.progress.finished_scans, begin.elapsed());
+        }
+        Ok(())
+    }
+
+    fn update_map(&mut self, number: u32, step: &Step, map_from_scanner: &Pose) -> Result<(), String> {
+        let scan = view::scan(step.scan.meta(), step.scan.items());
+        let scores = view::scores(step.scores.items());
+        let (config, threads) = (&self.config.map, self.setup.threads);
+        let (evidence, summary) =
+            self.condenser.condense(scan, scores, map_from_scanner, config, threads).map_err(|e| e.to_string())?;
+        if summary.points_outside > 0 {
+            tracing::warn!(scan = number, points = summary.points_outside, "points are too far away for the map");
+        }
+        self.kept.map.add(evidence, map_from_scanner).map_err(|e| e.to_string())?;
+        self.kept.poses.added(number.into(), *map_from_scanner);
+        self.kept.map.update_zones(number.into(), &step.zones, map_from_scanner, &self.config.zones);
         Ok(())
     }
 
@@ -199,107 +237,37 @@ impl<'a> Planning<'a> {
         map_time: Duration,
     ) -> Result<(), ServiceError> {
         let begin = Instant::now();
+        let map = &self.kept.map;
         let situation = Situation {
             map_from_robot: robot_pose(map_from_scanner, step.scores.meta().ground_height_m),
             scan_number: u64::from(step.scan.header().scan()),
             run_seed: self.config.seed,
             threads: self.setup.threads,
         };
-        let plan = self.strategy.plan(&self.map, &situation, &self.config.view);
+        let plan = self.strategy.plan(map, &situation, &self.config.view);
         let known = ViewPlanMeta {
             header,
             scan_sent_ns: step.scan.header().sent_ns,
             map_ns: nanoseconds(map_time),
             planning_ns: nanoseconds(begin.elapsed()),
             map_from_scanner: rows_from_pose(map_from_scanner),
-            cells_known: self.map.known_cells().count() as u32,
-            zones: self.map.zones().len() as u32,
-            map_tiles: self.map.tiles().count() as u32,
-            map_bytes: self.map_bytes(),
+            cells_known: map.known_cells().count() as u32,
+            zones: map.zones().len() as u32,
+            map_tiles: map.tiles().count() as u32,
+            map_bytes: map.bytes() as u64,
             ..messages::plan_meta(&plan)
         };
-        self.send_plan(known, &plan)?;
-        self.send_path(header, &plan)
-    }
-
-    fn update_map(&mut self, step: &Step, map_from_scanner: &Pose) -> Result<(), String> {
-        let scan = view::scan(step.scan.meta(), step.scan.items());
-        self.map.insert(scan, view::scores(step.scores.items()), map_from_scanner).map_err(|e| e.to_string())?;
-        let scanner = Point3::from(map_from_scanner.translation.vector);
-        self.map.update_zones(&step.zones, &scanner, &self.config.zones);
+        self.progress.last_plan = self.outbox.send_plan(known, &plan)?;
+        self.progress.last_path = self.outbox.send_path(header, &plan, &self.kept.map)?;
         Ok(())
     }
 
-    fn map_bytes(&self) -> u64 {
-        let tiles = self.map.tiles().count() as u64;
-        tiles * (size_of::<Tile>() + TILE_CELLS * size_of::<Cell>()) as u64
-    }
-
-    fn send_plan(&self, meta: ViewPlanMeta, plan: &ViewPlan) -> Result<(), ServiceError> {
-        let capacity = self.outbox.plans.capacity();
-        let open = plan.candidates.len().min(capacity);
-        let count = (open + plan.rejected.len()).min(capacity);
-        let mut loan = self.outbox.plans.loan(count)?;
-        *loan.meta_mut() = meta;
-        let (candidates, rejected) = loan.items_mut().split_at_mut(open);
-        for (item, candidate) in candidates.iter_mut().zip(&plan.candidates) {
-            *item = messages::candidate(candidate);
-        }
-        for (item, place) in rejected.iter_mut().zip(&plan.rejected) {
-            *item = messages::rejected(place);
-        }
-        Ok(loan.send()?)
-    }
-
-    fn send_path(&self, header: Header, plan: &ViewPlan) -> Result<(), ServiceError> {
-        let waypoints = plan.path.get(..plan.path.len().min(self.outbox.paths.capacity())).unwrap_or_default();
-        let mut loan = self.outbox.paths.loan(waypoints.len())?;
-        *loan.meta_mut() = PathMeta {
-            header,
-            map_revision: plan.map_revision,
-            length_m: messages::length(waypoints),
-            cost: plan.chosen().map_or(0.0, |c| c.cost),
-        };
-        for (item, waypoint) in loan.items_mut().iter_mut().zip(waypoints) {
-            *item = Waypoint { position: *waypoint, navigability: self.navigability_at(waypoint) };
-        }
-        Ok(loan.send()?)
-    }
-
-    fn navigability_at(&self, position: &[f64; 3]) -> f64 {
-        let cell = self.map.cell_containing(position[0], position[1]);
-        match cell.map(|index| self.map.state(index)) {
-            Some(CellState::Known(navigability)) => navigability,
-            _ => 0.0,
-        }
-    }
-
-    /// The tiles that changed since a revision, in as many messages as they need.
-    fn send_tiles(&self, header: Header, revision_before: u64) -> Result<(), ServiceError> {
-        let changed: Vec<_> = self.map.tiles_changed_since(revision_before).collect();
-        let capacity = self.outbox.tiles.capacity();
-        let parts = changed.chunks(capacity).len();
-        let known = self.map.known_cells().count();
-        let quality: f64 = self.map.known_cells().filter_map(|(_, cell)| cell.quality()).sum();
-        for (part, tiles) in changed.chunks(capacity).enumerate() {
-            let mut loan = self.outbox.tiles.loan(tiles.len())?;
-            *loan.meta_mut() = MapMeta {
-                header,
-                revision: self.map.revision(),
-                cell_m: self.map.cell_m(),
-                tiles_total: self.map.tiles().count() as u32,
-                cells_known: known as u32,
-                mean_quality: if known == 0 { 0.0 } else { quality / known as f64 },
-                bytes: self.map_bytes(),
-                part: part as u32,
-                parts: parts as u32,
-                reserved: 0,
-            };
-            for (item, tile) in loan.items_mut().iter_mut().zip(tiles) {
-                messages::write_tile(tile, &self.map, item);
-            }
-            loan.send()?;
-        }
+    /// Sends the tiles that changed since the last time.
+    fn show(&mut self, header: Header, cause: u32) -> Result<(), ServiceError> {
+        let news = TileNews { header, since: self.shown_revision, cause, moved_scans: self.moved };
+        self.outbox.send_tiles(&self.kept.map, &news)?;
+        self.shown_revision = self.kept.map.revision();
+        self.moved = 0;
         Ok(())
     }
 }
@@ -309,24 +277,4 @@ fn robot_pose(map_from_scanner: &Pose, ground_height_m: f64) -> Pose {
     let (_, _, yaw) = map_from_scanner.rotation.euler_angles();
     let position = map_from_scanner.translation.vector + Vector3::new(0.0, 0.0, ground_height_m);
     Pose::from_parts(Translation3::from(position), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw))
-}
-
-/// The checkpoint: the number of finished scans, then the map.
-fn save_map(setup: &ServiceSetup, map: &InformationMap, finished_scans: u32) -> Result<(), ServiceError> {
-    let mut content = finished_scans.to_le_bytes().to_vec();
-    content.extend_from_slice(&map.to_bytes());
-    Ok(checkpoint::save(&setup.state_file(), &content)?)
-}
-
-fn saved_map(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(InformationMap, u32), ServiceError> {
-    let empty = || InformationMap::new(config.map).map_err(|e| ServiceError::Config(e.to_string()));
-    if setup.incarnation == 0 {
-        return Ok((empty()?, 0));
-    }
-    let path = setup.state_file();
-    let Some(content) = checkpoint::load(&path)? else { return Ok((empty()?, 0)) };
-    let invalid = |reason: String| CheckpointError::Invalid { path: path.clone(), reason };
-    let (count, bytes) = content.split_first_chunk::<4>().ok_or_else(|| invalid("it is empty".into()))?;
-    let map = InformationMap::from_bytes(bytes).map_err(|e| invalid(e.to_string()))?;
-    Ok((map, u32::from_le_bytes(*count)))
 }

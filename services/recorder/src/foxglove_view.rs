@@ -71,6 +71,7 @@ pub(crate) struct FoxgloveView {
     most_points: usize,
     waiting: BTreeMap<u32, Thinned>,
     trajectory: BTreeMap<u32, geometry::Pose>,
+    /// The lowest level of the tiles.
     tiles: BTreeMap<(i32, i32), Box<MapTile>>,
 }
 
@@ -220,7 +221,7 @@ impl FoxgloveView {
     }
 
     fn keep_tiles(&mut self, tiles: &[MapTile]) {
-        for tile in tiles {
+        for tile in tiles.iter().filter(|tile| tile.level == 0) {
             self.tiles.insert((tile.tile_x, tile.tile_y), Box::new(*tile));
         }
     }

@@ -121,6 +121,9 @@ impl Session<'_> {
         if !self.graph.graph.lockstep && self.graph.acquisition.speed == 0.0 {
             self.graph.acquisition.speed = 1.0;
         }
+        if !self.graph.graph.lockstep {
+            self.graph.planning.corrections.before_next_scan = false;
+        }
         if self.graph.services.planning.is_none() {
             self.graph.recorder.acknowledge_after.retain(|topic| topic != "view_plan");
             self.graph.alignment.correct_after_plan = false;
@@ -128,6 +131,7 @@ impl Session<'_> {
         if self.graph.services.alignment.as_ref().is_none_or(|entry| !entry.command.is_empty()) {
             // An alignment of the user's own need not close loops, and if it does, need not tell.
             self.graph.recorder.acknowledge_after.retain(|topic| topic != "loop_closing");
+            self.graph.planning.corrections.awaited = false;
         }
         Ok(known)
     }

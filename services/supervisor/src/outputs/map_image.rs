@@ -1,9 +1,10 @@
-//! `map.png`: navigability and quality side by side, the trajectory and the last plan drawn on both.
+//! `map.png`: navigability and quality side by side, the trajectory and the last plan drawn on both. Where something can
+//! be passed both under and over, the pictures show the lower level, hatched, and a third one shows what is above.
 
 use mirador_ipc_schema::messages::{CANDIDATE_OPEN, MAP_TILE_SIDE, MapCell};
 
 use super::canvas::{Canvas, Colour};
-use super::run_data::RunData;
+use super::run_data::{FinalMap, RunData};
 
 /// Longer side of a panel [pixels].
 const PANEL: f64 = 900.0;
@@ -21,18 +22,36 @@ const TRAJECTORY: Colour = [25, 60, 160];
 const CANDIDATE: Colour = [90, 30, 120];
 const CHOSEN: Colour = [220, 0, 180];
 
-/// One of the two pictures.
+/// One of the pictures.
 struct Panel {
     title: &'static str,
     /// What is drawn of a cell, stored as `value * 65535`.
     value: fn(&MapCell) -> u16,
     colour: fn(f64) -> Colour,
+    /// Draws what lies above the lowest level, and that palely where it does not.
+    is_upper: bool,
 }
 
-const PANELS: [Panel; 2] = [
-    Panel { title: "NAVIGABILITY", value: |cell| cell.navigability, colour: red_to_green },
-    Panel { title: "QUALITY", value: |cell| cell.quality, colour: blue_to_yellow },
+const PANELS: [Panel; 3] = [
+    Panel { title: "NAVIGABILITY", value: |cell| cell.navigability, colour: red_to_green, is_upper: false },
+    Panel { title: "QUALITY", value: |cell| cell.quality, colour: blue_to_yellow, is_upper: false },
+    Panel { title: "UPPER LEVEL", value: |cell| cell.navigability, colour: red_to_green, is_upper: true },
 ];
+
+impl Panel {
+    /// The colour at a place of the map [m], which is drawn at (x, y) [pixels].
+    fn shade(&self, map: &FinalMap, at: (f64, f64), (x, y): (i64, i64)) -> Colour {
+        let colour = |cell: &MapCell| (self.colour)(f64::from((self.value)(cell)) / 65535.0);
+        let (lower, upper) = (map.at(at.0, at.1), map.above(at.0, at.1));
+        match (lower, upper, self.is_upper) {
+            (_, Some(upper), true) => colour(upper),
+            (Some(lower), None, true) => blend(&[colour(lower), PAPER], 0.75),
+            (Some(lower), Some(_), false) if (x + y).rem_euclid(6) < 2 => blend(&[colour(lower), INK], 0.5),
+            (Some(lower), _, false) => colour(lower),
+            (None, ..) => UNKNOWN,
+        }
+    }
+}
 
 /// The part of the map that is drawn, and how large.
 struct Window {
@@ -96,24 +115,25 @@ pub(super) fn draw(data: &RunData) -> Canvas {
     let (width, height) = window.pixels();
     // Wide enough for the headings and the legend even where little is known.
     let column = width.max(220);
-    let size = (3 * MARGIN + 2 * column, 2 * MARGIN + 2 * LINE + height);
+    let panels = PANELS.iter().filter(|panel| !panel.is_upper || !data.map.upper.is_empty());
+    let count = panels.clone().count() as i64;
+    let size = ((count + 1) * MARGIN + count * column, 2 * MARGIN + 2 * LINE + height);
     let mut canvas = Canvas::new(size.0.unsigned_abs() as usize, size.1.unsigned_abs() as usize, PAPER);
-    for (k, Panel { title, value, colour }) in (0..).zip(PANELS) {
+    for (k, panel) in (0..).zip(panels) {
         let (left, top) = (MARGIN + k * (column + MARGIN), MARGIN + LINE);
-        canvas.text(left, MARGIN, 2, title, INK);
+        canvas.text(left, MARGIN, 2, panel.title, INK);
         for y in 0..height {
             for x in 0..width {
                 let at = (
                     window.x + (x as f64 + 0.5) / window.scale,
                     window.y + window.height - (y as f64 + 0.5) / window.scale,
                 );
-                let shade = data.map.at(at.0, at.1).map_or(UNKNOWN, |cell| colour(f64::from(value(cell)) / 65535.0));
-                canvas.set(left + x, top + y, shade);
+                canvas.set(left + x, top + y, panel.shade(&data.map, at, (x, y)));
             }
         }
         draw_plan(&mut canvas, data, &window, (left, top));
         draw_trajectory(&mut canvas, data, &window, (left, top));
-        draw_legend(&mut canvas, left + column, top + height + 8, colour);
+        draw_legend(&mut canvas, left + column, top + height + 8, panel.colour);
     }
     draw_scale_bar(&mut canvas, &window, MARGIN + LINE + height + 8);
     canvas
@@ -205,6 +225,7 @@ fn blend(stops: &[Colour], value: f64) -> Colour {
 mod tests {
     use super::*;
     use crate::outputs::testing::map_data;
+    use mirador_ipc_schema::messages::MapTile;
 
     #[test]
     fn the_picture_is_as_large_as_the_known_part_asks_for() {
@@ -222,6 +243,31 @@ mod tests {
         assert_eq!(pixel(0.75, 0.25), [200, 40, 35]);
         assert_eq!(pixel(-0.5, 0.25), UNKNOWN);
         assert_eq!(pixel(0.25, 1.0), UNKNOWN);
+    }
+
+    #[test]
+    fn a_deck_is_drawn_in_a_picture_of_its_own_and_hatched_over_the_road() {
+        let mut data = map_data();
+        let mut deck = MapTile { level: 1, levels: 2, ..MapTile::default() };
+        deck.cells[1] = MapCell { navigability: 65535, flags: 1, ..MapCell::default() };
+        data.map.take(&[deck]);
+        let canvas = draw(&data);
+        assert_eq!(canvas.size().0, 4 * 16 + 3 * 220);
+        let at = |panel: usize, x: f64, y: f64| {
+            let left = 16 + panel * (220 + 16);
+            let pixel =
+                |dx: usize| canvas.get(left + ((x + 1.0) * 24.0) as usize + dx, 46 + ((1.5 - y) * 24.0) as usize);
+            (0..6).map(pixel).collect::<Vec<_>>()
+        };
+        assert!(at(2, 0.75, 0.25).iter().all(|c| *c == [40, 150, 65]), "the deck is navigable");
+        assert!(at(2, 0.25, 0.25).iter().all(|c| *c == blend(&[[40, 150, 65], PAPER], 0.75)), "no deck here");
+        let hatched = at(0, 0.75, 0.25);
+        assert_eq!(hatched.iter().filter(|c| **c == [200, 40, 35]).count(), 4);
+        assert!(at(0, 0.25, 0.25).iter().all(|c| *c == [40, 150, 65]), "nothing above is not hatched");
+        // The tile comes again without the deck.
+        let ground = MapTile { levels: 1, ..**data.map.tiles.get(&(0, 0)).unwrap() };
+        data.map.take(&[ground]);
+        assert_eq!(draw(&data).size().0, 3 * 16 + 2 * 220);
     }
 
     #[test]

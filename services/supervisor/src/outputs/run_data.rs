@@ -79,8 +79,10 @@ impl ScanRecord {
 pub struct FinalMap {
     /// Side of a cell [m].
     pub cell_m: f64,
-    /// The tiles by column and row.
+    /// The lowest level of the tiles, by column and row.
     pub tiles: BTreeMap<(i32, i32), Box<MapTile>>,
+    /// The higher levels, by column, row and level.
+    pub upper: BTreeMap<(i32, i32, u32), Box<MapTile>>,
     /// Mean quality of the known cells.
     pub mean_quality: f64,
     /// Known cells.
@@ -98,7 +100,32 @@ impl FinalMap {
         (cell.flags & 1 != 0).then_some(cell)
     }
 
-    /// The cell at a position of the map [m].
+    /// The highest level over the lowest at a position of the map [m]; `None` where there is but one.
+    #[must_use]
+    pub fn above(&self, x: f64, y: f64) -> Option<&MapCell> {
+        let side = MAP_TILE_SIDE as i64;
+        let [column, row] = [x, y].map(|v| (v / self.cell_m).floor() as i64);
+        let tile = (i32::try_from(column.div_euclid(side)).ok()?, i32::try_from(row.div_euclid(side)).ok()?);
+        let index = (row.rem_euclid(side) * side + column.rem_euclid(side)) as usize;
+        let levels = self.upper.range((tile.0, tile.1, 1)..=(tile.0, tile.1, u32::MAX)).rev();
+        levels.filter_map(|(_, tile)| tile.cells.get(index)).find(|cell| cell.flags & 1 != 0)
+    }
+
+    /// Takes in tiles that changed.
+    pub fn take(&mut self, tiles: &[MapTile]) {
+        for tile in tiles {
+            let (x, y) = (tile.tile_x, tile.tile_y);
+            if tile.level == 0 {
+                self.tiles.insert((x, y), Box::new(*tile));
+                // Levels that the tile has no more.
+                self.upper.retain(|key, _| (key.0, key.1) != (x, y) || key.2 < tile.levels);
+            } else {
+                self.upper.insert((x, y, tile.level), Box::new(*tile));
+            }
+        }
+    }
+
+    /// The cell of the lowest level at a position of the map [m].
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<&MapCell> {
         self.cell((x / self.cell_m).floor() as i64, (y / self.cell_m).floor() as i64)
@@ -198,9 +225,7 @@ impl RunData {
             map.cell_m = meta.cell_m;
             map.mean_quality = meta.mean_quality;
             map.cells_known = meta.cells_known;
-            for tile in tiles {
-                map.tiles.insert((tile.tile_x, tile.tile_y), Box::new(*tile));
-            }
+            map.take(tiles);
         })
     }
 

@@ -1,0 +1,192 @@
+//! Returns of one block of the scan, taken together by place and kind.
+
+use super::condense::{Frame, NOWHERE};
+use super::config::MapConfig;
+use super::item::{CELL_SHIFT, Item, LARGEST_COUNT, NAVIGABLE, OBSTACLE, Place};
+use super::normal_statistics::store;
+use crate::analysis::PointScore;
+use crate::scan::Point;
+use nalgebra::Vector3;
+
+/// Slots of the table; twice the points of a block, so that a free one is always near.
+const SLOTS: usize = 512;
+const FREE: u16 = u16::MAX;
+
+/// Shifts from units to the extent within which returns are taken together: across, and up.
+const FINE: (u32, u32) = (CELL_SHIFT - 1, 7);
+const COARSE: (u32, u32) = (CELL_SHIFT, 8);
+
+/// The thresholds u_F and u_B as stored scores.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Thresholds {
+    navigable: u16,
+    obstacle: u16,
+}
+
+impl Thresholds {
+    pub fn of(config: &MapConfig) -> Self {
+        Self {
+            navigable: (config.navigable_threshold * 65535.0) as u16,
+            obstacle: (config.obstacle_threshold * 65535.0) as u16,
+        }
+    }
+
+    /// What stored scores say.
+    #[inline]
+    pub fn kind(&self, navigable: u16, obstacle: u16) -> u8 {
+        let is = |holds: bool, kind: u8| if holds { kind } else { 0 };
+        is(navigable > self.navigable, NAVIGABLE) | is(obstacle > self.obstacle, OBSTACLE)
+    }
+}
+
+/// F and B of a point as stored; a point out of the robot's reach has none.
+#[inline]
+pub(super) fn reachable_scores(score: &PointScore) -> (u16, u16) {
+    let reach = u16::from(score.is_reachable());
+    (score.navigable * reach, score.obstacle * reach)
+}
+
+/// Mean of scores as stored in a byte.
+#[inline]
+pub(super) fn byte(sum: u32, count: u32) -> u8 {
+    ((sum + count * 128) / (count * 257)) as u8
+}
+
+/// Returns of the same place and kind.
+#[derive(Debug, Clone, Copy)]
+struct Group {
+    key: u64,
+    kind: u8,
+    corner: Place,
+    count: u32,
+    place: [u32; 3],
+    navigable: u32,
+    obstacle: u32,
+    quality: u32,
+    /// Sum of the normals, in the scanner's frame.
+    normal: Vector3<f32>,
+}
+
+/// One block after the other.
+#[derive(Debug)]
+pub(super) struct Block {
+    slots: [u16; SLOTS],
+    groups: Vec<Group>,
+    /// Points of the band that counted, had no score, or were too far away.
+    pub counted: usize,
+    pub without_score: usize,
+    pub outside: usize,
+}
+
+impl Default for Block {
+    fn default() -> Self {
+        Self { slots: [FREE; SLOTS], groups: Vec::new(), counted: 0, without_score: 0, outside: 0 }
+    }
+}
+
+impl Block {
+    pub fn begin_band(&mut self) {
+        (self.counted, self.without_score, self.outside) = (0, 0, 0);
+    }
+
+    /// Takes a row of the block, and says where its points are. A block has at most 256 points.
+    #[inline]
+    pub fn take_row(&mut self, points: &[Point], scores: &[PointScore], places: &mut [Place], frame: &Frame) {
+        let mut last = usize::MAX;
+        for ((point, score), out) in points.iter().zip(scores).zip(places) {
+            *out = NOWHERE;
+            if !point.is_return() {
+                continue;
+            }
+            if !score.is_valid() {
+                self.without_score += 1;
+                continue;
+            }
+            let Some(place) = frame.place(point) else {
+                self.outside += 1;
+                continue;
+            };
+            *out = place;
+            self.counted += 1;
+            let (navigable, obstacle) = reachable_scores(score);
+            let kind = frame.thresholds.kind(navigable, obstacle);
+            let (across, up) = if kind == 0 { COARSE } else { FINE };
+            let corner = Place { x: place.x >> across, y: place.y >> across, z: place.z >> up };
+            let key = key(corner, kind);
+            // Mostly it is the place of the point before.
+            if self.groups.get(last).is_none_or(|group| group.key != key) {
+                last = self.find(key, kind, Place { x: corner.x << across, y: corner.y << across, z: corner.z << up });
+            }
+            let group = &mut self.groups[last];
+            group.count += 1;
+            group.place[0] += (place.x - group.corner.x) as u32;
+            group.place[1] += (place.y - group.corner.y) as u32;
+            group.place[2] += (place.z - group.corner.z) as u32;
+            group.navigable += u32::from(navigable);
+            group.obstacle += u32::from(obstacle);
+            group.quality += u32::from(score.quality);
+            group.normal += score.normal();
+        }
+    }
+
+    /// The group of a key, made if need be.
+    #[inline]
+    fn find(&mut self, key: u64, kind: u8, corner: Place) -> usize {
+        let mut slot = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 55) as usize;
+        loop {
+            let group = self.slots[slot];
+            if group == FREE {
+                self.slots[slot] = self.groups.len() as u16;
+                self.groups.push(Group {
+                    key,
+                    kind,
+                    corner,
+                    count: 0,
+                    place: [0; 3],
+                    navigable: 0,
+                    obstacle: 0,
+                    quality: 0,
+                    normal: Vector3::zeros(),
+                });
+                return self.groups.len() - 1;
+            }
+            if self.groups[usize::from(group)].key == key {
+                return usize::from(group);
+            }
+            slot = (slot + 1) % SLOTS;
+        }
+    }
+
+    /// Ends the block: its groups become items, in the order in which they were met.
+    pub fn finish(&mut self, frame: &Frame, items: &mut Vec<Item>) {
+        if self.groups.is_empty() {
+            return;
+        }
+        for group in &self.groups {
+            let n = group.count;
+            debug_assert!(n <= LARGEST_COUNT);
+            let [x, y, z] = group.place;
+            let place = Place {
+                x: group.corner.x + (x / n) as i32,
+                y: group.corner.y + (y / n) as i32,
+                z: group.corner.z + ((2 * z + n) / (2 * n)) as i32,
+            };
+            let normal = group.normal.try_normalize(1e-3).map_or_else(Vector3::z, |normal| frame.turn(&normal));
+            let mut item = Item::new(place, group.kind, n);
+            item.quality = ((group.quality + n / 2) / n) as u16;
+            item.navigable = byte(group.navigable, n);
+            item.obstacle = byte(group.obstacle, n);
+            item.normal = store(&normal);
+            items.push(item);
+        }
+        self.groups.clear();
+        self.slots.fill(FREE);
+    }
+}
+
+/// One number for place and kind.
+#[inline]
+fn key(corner: Place, kind: u8) -> u64 {
+    let bits = |v: i32| u64::from(v as u32) & 0xf_ffff;
+    bits(corner.x) << 44 | bits(corner.y) << 24 | bits(corner.z) << 4 | u64::from(kind)
+}

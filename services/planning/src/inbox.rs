@@ -1,0 +1,97 @@
+//! Everything that belongs to one scan, put together.
+
+use mirador_core::information_map::Zone;
+use mirador_ipc_schema::messages::{AlignmentMeta, ScanId};
+use mirador_ipc_schema::{Participant, Received, Wakeable, topics};
+use mirador_service_common::{InOrder, ServiceError};
+use nalgebra::{Point3, Vector3};
+
+/// Everything that belongs to one scan.
+pub(crate) struct Step {
+    pub scan: Received<topics::Scan>,
+    pub scores: Received<topics::ScoredScan>,
+    pub alignment: AlignmentMeta,
+    pub zones: Vec<Zone>,
+}
+
+/// What is received about scans.
+pub(crate) struct Inbox {
+    scans: InOrder<topics::Scan>,
+    alignments: InOrder<topics::Alignment>,
+    scores: InOrder<topics::ScoredScan>,
+    zones: InOrder<topics::Zones>,
+    /// A step that was looked for while older scans were being moved.
+    held: Option<Step>,
+}
+
+impl Inbox {
+    pub fn open(participant: &Participant) -> Result<Self, ServiceError> {
+        Ok(Self {
+            scans: InOrder::new(participant.subscriber()?),
+            alignments: InOrder::new(participant.subscriber()?),
+            scores: InOrder::new(participant.subscriber()?),
+            zones: InOrder::new(participant.subscriber()?),
+            held: None,
+        })
+    }
+
+    pub fn awaited(&self) -> Vec<&dyn Wakeable> {
+        let ports = [self.scans.awaited(0), self.alignments.awaited(0), self.scores.awaited(0), self.zones.awaited(0)];
+        ports.into_iter().flatten().collect()
+    }
+
+    /// Whether the next scan with everything that belongs to it is there.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn is_next_there(&mut self) -> Result<bool, ServiceError> {
+        if self.held.is_none() {
+            self.held = self.look()?;
+        }
+        Ok(self.held.is_some())
+    }
+
+    /// The next scored scan with everything that belongs to it, if all of it is there.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn next(&mut self) -> Result<Option<Step>, ServiceError> {
+        if self.is_next_there()? { Ok(self.held.take()) } else { Ok(None) }
+    }
+
+    fn look(&mut self) -> Result<Option<Step>, ServiceError> {
+        loop {
+            self.scores.fill(0)?;
+            let id = self.scores.front();
+            self.scans.discard_before(id.unwrap_or(0));
+            self.alignments.discard_before(id.unwrap_or(0));
+            self.zones.discard_before(id.unwrap_or(0));
+            self.scans.fill(0)?;
+            self.alignments.fill(0)?;
+            self.zones.fill(0)?;
+            let Some(id) = id else { return Ok(None) };
+            let parts = [self.scans.front(), self.alignments.front(), self.zones.front()];
+            if parts.iter().any(|part| part.is_some_and(|of| of > id)) {
+                tracing::warn!(scan = ScanId::unpack(id).scan, "a part of it was lost; it is not planned on");
+                self.scores.pop();
+            } else if parts.iter().all(|part| *part == Some(id)) {
+                return Ok(self.put_together());
+            } else if parts.iter().all(|part| part.is_none_or(|of| of == id)) {
+                return Ok(None);
+            }
+            // Else parts of older scans came in just now; they are let go, and what follows them is looked at.
+        }
+    }
+
+    /// The step of the oldest messages.
+    fn put_together(&mut self) -> Option<Step> {
+        let (scan, scores) = (self.scans.pop()?, self.scores.pop()?);
+        let (alignment, zones) = (self.alignments.pop()?, self.zones.pop()?);
+        Some(Step { scan, scores, alignment: *alignment.meta(), zones: read_zones(&zones) })
+    }
+}
+
+fn read_zones(message: &Received<topics::Zones>) -> Vec<Zone> {
+    let point = |v: [f32; 3]| Vector3::from(v).cast::<f64>();
+    message.items().iter().map(|z| Zone { centre: Point3::from(point(z.centre)), normal: point(z.normal) }).collect()
+}
