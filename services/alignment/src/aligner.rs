@@ -92,5 +92,5 @@ impl Aligner {
 /// of evenly spaced scans, each lasting until the next.
 pub(crate) fn frame_time(meta: &ScanMeta) -> Option<FrameTime> {
     let duration_s = meta.duration_ns as f64 * 1e-9;
-    (meta.duration_ns > 0).then(|| FrameTime { end_s: meta.header.stamp_ns as f64 * 1e-9 + duration_s, duration_s })
+    (meta.duration_ns > 0).then_some(FrameTime { end_s: meta.header.stamp_ns as f64 * 1e-9 + duration_s, duration_s })
 }

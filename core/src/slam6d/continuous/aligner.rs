@@ -208,7 +208,7 @@ impl ContinuousAligner {
     /// The memory held: local map, keyframes and those ready for registration [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {
-        self.odometry.bytes() + self.global.bytes()
+        self.odometry.bytes() + self.global.bytes() + self.relocaliser.bytes()
     }
 
     /// Enters the frame in the map, as a node when it is a keyframe.
@@ -224,7 +224,7 @@ impl ContinuousAligner {
             },
             is_node: keyframe.is_some(),
             target_id: record.target_id,
-            target_from_scanner: record.target_id.map(|_| self.from_anchor(&frame.map_from_scanner)),
+            target_from_scanner: record.target_id.map(|_| self.seen_from_anchor(&frame.map_from_scanner)),
         };
         self.global.enter(entry, keyframe.as_ref().map(|keyframe| &keyframe.points[..]));
         if keyframe.is_some() {

@@ -27,7 +27,7 @@ impl ContinuousAligner {
             return None;
         }
         let anchor = self.state.anchor?;
-        let place = (self.anchor_pose(&anchor) * self.from_anchor(&lost.map_from_scanner)).translation.vector;
+        let place = (self.anchor_pose(&anchor) * self.seen_from_anchor(&lost.map_from_scanner)).translation.vector;
         let source = self.relocaliser.see(self.global.registration_mut(), scan).ok()?;
         let points = self.selector.thin(source.points());
         let mut nodes = self.relocaliser.most_alike(&points, &self.global);

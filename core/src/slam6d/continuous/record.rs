@@ -24,7 +24,7 @@ impl ContinuousAligner {
     }
 
     /// A pose of the odometry, seen from the last keyframe; as it is before the first.
-    pub(super) fn from_anchor(&self, odometry_from_scanner: &Pose) -> Pose {
+    pub(super) fn seen_from_anchor(&self, odometry_from_scanner: &Pose) -> Pose {
         let anchor = self.state.anchor.as_ref();
         anchor.map_or(*odometry_from_scanner, |a| normalised(a.odometry_from_scanner.inverse() * odometry_from_scanner))
     }
@@ -38,8 +38,8 @@ impl ContinuousAligner {
         };
         Hypothesis {
             name,
-            start: self.from_anchor(&frame.predicted),
-            result: self.from_anchor(&frame.map_from_scanner),
+            start: self.seen_from_anchor(&frame.predicted),
+            result: self.seen_from_anchor(&frame.map_from_scanner),
             overlap: frame.overlap,
             residual_m: frame.residual_rms_m,
             iterations: frame.iterations,
@@ -64,7 +64,7 @@ impl ContinuousAligner {
 
     pub(super) fn record(&self, scan_id: u64, frame: &FrameRecord, prior: Option<Pose>) -> AlignmentRecord {
         let anchor = self.state.anchor.as_ref();
-        let relative = self.from_anchor(&frame.map_from_scanner);
+        let relative = self.seen_from_anchor(&frame.map_from_scanner);
         let map_from_scanner = anchor.map_or(relative, |anchor| normalised(self.anchor_pose(anchor) * relative));
         let (pair, pose) = self.covariances(frame, &relative);
         let status = match (self.rejection(frame), anchor) {

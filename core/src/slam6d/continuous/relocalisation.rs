@@ -90,6 +90,11 @@ impl Relocaliser {
         ranked.into_iter().map(|(_, id)| id).collect()
     }
 
+    /// The memory held [bytes].
+    pub fn bytes(&self) -> usize {
+        self.profiles.len() * size_of::<(u64, RangeProfile)>()
+    }
+
     /// A scan made ready for comparisons.
     ///
     /// # Errors
@@ -124,7 +129,7 @@ mod tests {
     fn a_profile_does_not_change_when_the_scanner_turns_and_does_when_it_moves_far() {
         let points: Vec<[f32; 3]> = (0..500).map(|k| [0.05 * k as f32, 3.0 + (k % 7) as f32, 0.3]).collect();
         let own = RangeProfile::new(&points);
-        let turned: Vec<_> = points.iter().map(|[x, y, z]| [-y, *z, -x]).map(|[x, y, z]| [x, y, z]).collect();
+        let turned: Vec<_> = points.iter().map(|[x, y, z]| [-y, *z, -x]).collect();
         assert!(own.distance(&RangeProfile::new(&turned)) < 1e-5);
         let moved: Vec<_> = points.iter().map(|[x, y, z]| [x + 15.0, *y, *z]).collect();
         assert!(own.distance(&RangeProfile::new(&moved)) > 0.5);
