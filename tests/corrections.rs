@@ -229,3 +229,45 @@ fn a_graph_without_planning_does_not_wait_for_a_plan() {
     stage.run_well(&[vec!["up".to_owned(), graph], arguments(&[])].concat());
     assert_eq!(recording(&stage.path("mirador-out")).count::<topics::LoopClosing>(), SCANS as usize);
 }
+
+/// The world *simple* with a tour around the house that ends a little beyond where it began.
+fn ring(stage: &Stage) -> String {
+    let world = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../worlds/simple.toml")).unwrap();
+    let (world, _) = world.split_once("[[poses]]").unwrap();
+    let pose = |k: u32| {
+        let angle = (f64::from(k) * 24.0 - 110.0).to_radians();
+        let (x, y) = (1.0 + 12.5 * angle.cos(), 1.5 + 12.0 * angle.sin());
+        format!("[[poses]]\nx_m = {x:.3}\ny_m = {y:.3}\nyaw_deg = {:.1}\n\n", angle.to_degrees() + 90.0)
+    };
+    let path = stage.path("ring.toml");
+    fs::write(&path, world.to_owned() + &(0..RING).map(pose).collect::<String>()).unwrap();
+    path.display().to_string()
+}
+
+/// Scans of the ring.
+const RING: u32 = 17;
+
+#[test]
+fn a_tour_around_the_house_with_the_full_scanner_closes_a_verified_loop_and_is_corrected() {
+    let stage = Stage::new();
+    let scene = format!("acquisition.scene={}", ring(&stage));
+    stage.run_well(&["--quiet", "--set", &scene, "--set", "alignment.global.correction_threshold_m=0.001"]);
+    let out = stage.path("mirador-out");
+    let summary = summary(&out);
+    assert_eq!((&summary["scans"], &summary["aligned"]), (&RING.into(), &RING.into()), "{}", summary["poses"]);
+    let mut loops = Vec::new();
+    let mut corrected = 0;
+    recording(&out)
+        .for_each::<topics::LoopClosing>(|meta, pairs| {
+            let closed = pairs.iter().filter(|p| p.kind == PAIR_LOOP && p.status == PAIR_ACCEPTED);
+            loops.extend(closed.map(|p| (ScanId::unpack(p.target_id).scan, ScanId::unpack(p.source_id).scan)));
+            corrected += meta.corrections;
+        })
+        .unwrap();
+    // From the end of the round to its beginning, which no chain of neighbours sees.
+    assert!(loops.iter().any(|(target, source)| source - target >= 12), "{loops:?}");
+    assert!(corrected > 0, "nothing was corrected");
+    // Before the loop the end of the round is half a metre off.
+    let error = summary["errors"]["ate_rmse_m"].as_f64().unwrap();
+    assert!(error < 0.15, "{}", summary["errors"]);
+}

@@ -2,4 +2,6 @@
 
 mod pose;
 
-pub use pose::{Covariance, Pose, Twist, compose_all, exp, log, pose_from_rows, rotation_angle, rows_from_pose};
+pub use pose::{
+    Covariance, Pose, Twist, adjoint, compose_all, exp, log, pose_from_rows, rotation_angle, rows_from_pose,
+};

@@ -32,6 +32,17 @@ pub fn log(pose: &Pose) -> Twist {
     Twist::new(rho[0], rho[1], rho[2], phi[0], phi[1], phi[2])
 }
 
+/// Ad(T), which moves a perturbation through a pose: `T exp(x) T^-1 = exp(Ad(T) x)`, translation before rotation.
+#[must_use]
+pub fn adjoint(pose: &Pose) -> Matrix6<f64> {
+    let rotation: Matrix3<f64> = pose.rotation.to_rotation_matrix().into_inner();
+    let mut adjoint = Matrix6::zeros();
+    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
+    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose.translation.vector.cross_matrix() * rotation));
+    adjoint
+}
+
 /// The left Jacobian of SO(3); its series is used below 1e-4 rad, where the closed form loses its digits.
 fn left_jacobian(phi: &Vector3<f64>) -> Matrix3<f64> {
     let angle = phi.norm();
@@ -105,6 +116,15 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn the_adjoint_moves_a_perturbation_through_a_pose(
+            pose in prop::array::uniform6(-1.5..1.5f64), small in prop::array::uniform6(-0.1..0.1f64),
+        ) {
+            let (pose, small) = (exp(&Twist::from(pose)), Twist::from(small));
+            let moved = log(&(pose * exp(&small) * pose.inverse()));
+            prop_assert!((moved - adjoint(&pose) * small).norm() < 1e-9);
+        }
+
         #[test]
         fn the_logarithm_undoes_the_exponential(t in prop::array::uniform3(-9.0..9.0f64), r in prop::array::uniform3(-1.7..1.7f64)) {
             let twist = Twist::new(t[0], t[1], t[2], r[0], r[1], r[2]);

@@ -10,17 +10,19 @@ const INTERVALS: usize = 64;
 
 /// The scanner's poses during one scan that moves at a constant twist: `end_from_time` at evenly spaced times.
 #[derive(Debug, Clone)]
-pub(super) struct MotionTable {
+pub struct MotionTable {
     end_from_time: [Matrix3x4<f32>; INTERVALS + 1],
 }
 
 impl MotionTable {
     /// The table of a scanner that stands.
+    #[must_use]
     pub fn still() -> Self {
         Self { end_from_time: [Matrix3x4::identity(); INTERVALS + 1] }
     }
 
     /// `twist` is the motion over the whole scan: `start_from_end = exp(twist)`, in the moving scanner's frame.
+    #[must_use]
     pub fn new(twist: &Twist) -> Self {
         let mut table = Self::still();
         for (k, matrix) in table.end_from_time.iter_mut().enumerate() {
@@ -32,6 +34,7 @@ impl MotionTable {
     }
 
     /// A point seen at `time` (0 first beam, 1 last) in the scanner's frame at the end of the scan [m].
+    #[must_use]
     #[inline]
     pub fn end_from(&self, time: f32, point: [f32; 3]) -> [f32; 3] {
         let place = (time * INTERVALS as f32).clamp(0.0, INTERVALS as f32);

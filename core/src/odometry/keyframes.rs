@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::FrameRecord;
 use super::voxel_key::{key_of, voxel_at};
-use crate::geometry::{Covariance, Pose, rotation_angle};
+use crate::geometry::{Covariance, Pose, adjoint, rotation_angle};
 use crate::registration::ConfigError;
 
 /// When a frame becomes a keyframe: at the first of the three.
@@ -63,7 +63,7 @@ pub struct KeyframeSelector {
 }
 
 /// The last keyframe.
-#[derive(Debug)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Last {
     map_from_scanner: Pose,
     covariance: Covariance,
@@ -79,6 +79,30 @@ impl KeyframeSelector {
     pub fn new(config: KeyframeConfig) -> Result<Self, ConfigError> {
         config.validate()?;
         Ok(Self { config, last: None, keys: Vec::new() })
+    }
+
+    /// Forgets the last keyframe: the next tracked frame is one.
+    pub fn forget(&mut self) {
+        self.last = None;
+    }
+
+    /// What it remembers, as TOML.
+    #[must_use]
+    pub fn to_text(&self) -> String {
+        // Numbers are always TOML.
+        self.last.as_ref().map(|last| toml::to_string(last).unwrap_or_default()).unwrap_or_default()
+    }
+
+    /// The selector of [`Self::to_text`]; `None` when that is no such text.
+    ///
+    /// # Errors
+    /// The first setting out of range.
+    pub fn from_text(config: KeyframeConfig, text: &str) -> Result<Option<Self>, ConfigError> {
+        let selector = Self::new(config)?;
+        if text.is_empty() {
+            return Ok(Some(selector));
+        }
+        Ok(toml::from_str(text).ok().map(|last| Self { last: Some(last), ..selector }))
     }
 
     /// The keyframe that this frame is, if it is one. `points` are those of the frame
@@ -113,8 +137,8 @@ impl KeyframeSelector {
         2.0 * self.config.thinning_m as f32
     }
 
-    /// The first point of every voxel, in the order of the points.
-    fn thin(&mut self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    /// As a keyframe's points are thinned: the first point of every voxel, in the order of the points.
+    pub fn thin(&mut self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let per_metre = 1.0 / self.config.thinning_m as f32;
         self.keys.clear();
         self.keys.extend(points.iter().map(|p| key_of(voxel_at(*p, per_metre))));
@@ -148,32 +172,9 @@ fn motion_covariance(last: &Covariance, last_from_this: &Pose, this: &Covariance
     (sum + sum.transpose()) * 0.5
 }
 
-/// Ad(T): `T exp(x) T^-1 = exp(Ad(T) x)`, translation before rotation.
-fn adjoint(pose: &Pose) -> Covariance {
-    let rotation = pose.rotation.to_rotation_matrix().into_inner();
-    let mut adjoint = Covariance::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose.translation.vector.cross_matrix() * rotation));
-    adjoint
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Twist, exp, log};
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn the_adjoint_moves_a_perturbation_through_a_pose(
-            pose in prop::array::uniform6(-1.5..1.5f64), small in prop::array::uniform6(-0.1..0.1f64),
-        ) {
-            let (pose, small) = (exp(&Twist::from(pose)), Twist::from(small));
-            let moved = log(&(pose * exp(&small) * pose.inverse()));
-            prop_assert!((moved - adjoint(&pose) * small).norm() < 1e-9);
-        }
-    }
 
     #[test]
     fn thinning_keeps_the_first_point_of_every_voxel() {

@@ -1,5 +1,7 @@
 //! One resolution of the local map: voxels in flat arrays, found by open addressing.
 
+use serde::{Deserialize, Serialize};
+
 use super::surfel::{Moments, Surfel};
 use super::voxel_key::{NO_KEY, home, key_of, voxel_at, voxel_of};
 
@@ -13,6 +15,13 @@ struct Entry {
 }
 
 const EMPTY: Entry = Entry { key: NO_KEY, at: NOTHING };
+
+/// What stands beside the bytes of a level's voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct LevelHead {
+    voxels: usize,
+    sweep: usize,
+}
 
 /// Voxels of one edge length. Everything is allocated at the start; when it is full, new voxels are refused.
 #[derive(Debug)]
@@ -222,6 +231,32 @@ impl Level {
             }
         }
         self.table[gap] = EMPTY;
+    }
+
+    /// Bytes of one voxel.
+    const VOXEL_BYTES: usize = 8 + Moments::BYTES;
+
+    /// Where the next sweep goes on, and the voxels as bytes in their order, by which sweeps go. All are fitted.
+    pub fn write(&self, out: &mut Vec<u8>) -> LevelHead {
+        for (key, moments) in self.keys.iter().zip(&self.moments) {
+            out.extend_from_slice(&key.to_le_bytes());
+            moments.write(out);
+        }
+        LevelHead { voxels: self.keys.len(), sweep: self.sweep }
+    }
+
+    /// Takes over what [`Self::write`] wrote, into an empty level; what is left of the bytes. `None` when they are not
+    /// such bytes.
+    pub fn read<'b>(&mut self, head: &LevelHead, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        let (own, rest) = bytes.split_at_checked(head.voxels.checked_mul(Self::VOXEL_BYTES)?)?;
+        for (number, voxel) in own.as_chunks::<{ Self::VOXEL_BYTES }>().0.iter().enumerate() {
+            let (key, moments) = voxel.split_first_chunk::<8>()?;
+            let at = self.find_or_make(u64::from_le_bytes(*key)).filter(|at| *at == number)?;
+            self.moments[at] = Moments::read(moments.first_chunk()?);
+            self.surfels[at] = self.moments[at].fit();
+        }
+        self.sweep = head.sweep;
+        Some(rest)
     }
 
     /// All voxels with their surfels, coordinates nearest to `near`.

@@ -1,8 +1,9 @@
 //! The map the scans are aligned with: planes in voxels of two sizes, around the scanner, in bounded memory.
 
 use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::level::Level;
+use super::level::{Level, LevelHead};
 use super::surfel::Surfel;
 use crate::geometry::Pose;
 use crate::threads;
@@ -23,6 +24,14 @@ pub(super) struct LocalMap {
     /// Voxels farther than this are removed [m].
     radius_m: f32,
     /// What remains of it while the map is too full.
+    shrunk_m: f32,
+}
+
+/// What stands beside the bytes of a map's voxels.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct MapHead {
+    levels: [LevelHead; 2],
+    origin: [i32; 3],
     shrunk_m: f32,
 }
 
@@ -132,6 +141,20 @@ impl LocalMap {
             let centre = sum(level.voxel(pose.translation), origin);
             level.sweep(centre, radius / level.edge_m(), SWEEP_SHARE);
         });
+    }
+
+    /// The map as bytes, and what stands beside them.
+    pub fn write(&self, out: &mut Vec<u8>) -> MapHead {
+        let levels = [self.fine.write(out), self.coarse.write(out)];
+        MapHead { levels, origin: self.origin, shrunk_m: self.shrunk_m }
+    }
+
+    /// Takes over what [`Self::write`] wrote, into an empty map; what is left of the bytes. `None` when they are not
+    /// such bytes.
+    pub fn read<'b>(&mut self, head: &MapHead, bytes: &'b [u8]) -> Option<&'b [u8]> {
+        (self.origin, self.shrunk_m) = (head.origin, head.shrunk_m);
+        let rest = self.fine.read(&head.levels[0], bytes)?;
+        self.coarse.read(&head.levels[1], rest)
     }
 
     /// The mean of every fine voxel [m, map frame].

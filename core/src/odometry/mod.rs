@@ -12,6 +12,8 @@
 
 mod config;
 mod deskew;
+mod deskewing;
+mod judgement;
 mod keyframes;
 mod level;
 mod local_map;
@@ -20,6 +22,7 @@ mod record;
 mod reduce;
 mod registration;
 mod search;
+mod snapshot;
 mod surfel;
 mod system;
 mod threshold;
@@ -30,6 +33,8 @@ mod voxel_key;
 mod tests;
 
 pub use config::OdometryConfig;
+pub use deskew::MotionTable;
 pub use keyframes::{Keyframe, KeyframeConfig, KeyframeSelector};
 pub use pipeline::Odometry;
 pub use record::{FrameRecord, FrameStatus, FrameTime, Start};
+pub use snapshot::SnapshotError;

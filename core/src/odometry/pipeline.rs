@@ -1,32 +1,27 @@
 //! The odometry: predict, reduce, deskew, align, judge, learn, add to the map.
 
-use super::deskew::{self, MotionTable};
+use super::deskew;
 use super::local_map::LocalMap;
 use super::reduce::{Centroid, Reducer, Reduction};
 use super::registration::{Frame, Outcome, Resolution, Schedule};
 use super::search::Search;
-use super::system;
 use super::threshold::AdaptiveThreshold;
 use super::track::{Prediction, Track};
 use super::{FrameRecord, FrameStatus, FrameTime, OdometryConfig, Start};
 use crate::geometry::{Covariance, Pose, Twist};
-use crate::registration::{ConfigError, Constraint};
+use crate::registration::ConfigError;
 use crate::scan::ScanView;
 
 /// Cells of the reduction a voxel's edge.
 const CELLS_A_VOXEL: f64 = 4.0;
 /// Edge of the cells of which one point each is aligned, in voxels.
 const SPACING_VOXELS: f64 = 0.75;
-/// Points that take part in alignments in coarse voxels.
-const COARSE_POINTS: usize = 1500;
 /// A score this much below the usual one is no proof of a pose.
 const USUAL_SHARE: f64 = 0.85;
 /// The same while the motion model is off by more than a voxel, so that wrong poses are at hand.
 const USUAL_SHARE_WITHOUT_MODEL: f64 = 0.97;
 /// The second frame fits the map as well as this share of the first, which made it.
 const FIRST_SHARE: f64 = 0.6;
-/// A frame that fits worse than this share of the usual, wherever it was looked for, is lost.
-const LOST_SHARE: f64 = 0.7;
 /// The usual score fades by this factor with every frame that is lost: the scene may have changed.
 const FADING: f64 = 0.9;
 /// The search reaches farther with every frame that was lost, up to so many radii.
@@ -45,22 +40,22 @@ const MOST_DESKEWS: u32 = 3;
 /// frame that needs no search allocates nothing, apart from what starting a second thread takes.
 #[derive(Debug)]
 pub struct Odometry {
-    config: OdometryConfig,
-    map: LocalMap,
-    threshold: AdaptiveThreshold,
-    track: Track,
+    pub(super) config: OdometryConfig,
+    pub(super) map: LocalMap,
+    pub(super) threshold: AdaptiveThreshold,
+    pub(super) track: Track,
     /// What frames here usually score.
-    usual_score: f64,
-    reducer: Reducer,
-    centroids: Vec<Centroid>,
-    selected: Vec<u32>,
-    frame: Frame,
+    pub(super) usual_score: f64,
+    pub(super) reducer: Reducer,
+    pub(super) centroids: Vec<Centroid>,
+    pub(super) selected: Vec<u32>,
+    pub(super) frame: Frame,
     /// A part of the frame, for alignments in coarse voxels.
-    thinned: Frame,
-    search: Search,
-    deskewed: Vec<[f32; 3]>,
+    pub(super) thinned: Frame,
+    pub(super) search: Search,
+    pub(super) deskewed: Vec<[f32; 3]>,
     /// The first frame's centroids while its motion is unknown: it is deskewed when the second has told it.
-    first: Vec<Centroid>,
+    pub(super) first: Vec<Centroid>,
 }
 
 /// An alignment and where it began.
@@ -105,6 +100,21 @@ impl Odometry {
         self.first.clear();
     }
 
+    /// Begins anew with a map of what others know of the surroundings: reduced points [m] with their poses
+    /// `map_from_scanner`. The scanner stands at `map_from_scanner`; nothing is known of its motion.
+    pub fn restart<'p>(
+        &mut self,
+        map_from_scanner: &Pose,
+        known: impl IntoIterator<Item = (&'p Pose, &'p [[f32; 3]])>,
+    ) {
+        self.reset();
+        self.map.recentre(map_from_scanner);
+        for (map_from_points, points) in known {
+            self.map.insert(points, map_from_points, self.config.threads);
+        }
+        self.track.restart(map_from_scanner);
+    }
+
     /// The memory it holds [bytes]. The map's part, nearly all of it, is the same from the first frame on.
     #[must_use]
     pub fn bytes(&self) -> usize {
@@ -136,6 +146,26 @@ impl Odometry {
     /// next. `guess` is `map_from_scanner` at the end of the scan from another source; without it the last motion is
     /// thought to go on.
     pub fn register_frame(&mut self, scan: ScanView<'_>, time: Option<FrameTime>, guess: Option<Pose>) -> FrameRecord {
+        self.register(scan, time, guess, self.config.search_radius_m)
+    }
+
+    /// As [`Self::register_frame`], but without the search: for who knows a surer way to find a scanner that is lost.
+    pub fn register_frame_nearby(
+        &mut self,
+        scan: ScanView<'_>,
+        time: Option<FrameTime>,
+        guess: Option<Pose>,
+    ) -> FrameRecord {
+        self.register(scan, time, guess, 0.0)
+    }
+
+    fn register(
+        &mut self,
+        scan: ScanView<'_>,
+        time: Option<FrameTime>,
+        guess: Option<Pose>,
+        search_radius_m: f64,
+    ) -> FrameRecord {
         let prediction = self.track.predict(time, guess);
         if !prediction.is_usable() {
             self.track.skip();
@@ -153,7 +183,7 @@ impl Odometry {
             self.threshold.reset();
         }
         self.map.recentre(&prediction.pose);
-        let (candidate, searched) = self.find(&prediction);
+        let (candidate, searched) = self.find(&prediction, search_radius_m);
         let (start, outcome) = self.refine_motion(candidate, &prediction);
         self.conclude(start, &outcome, searched, &prediction)
     }
@@ -190,7 +220,7 @@ impl Odometry {
     }
 
     /// The best alignment from the prediction, from standing still, or from the search.
-    fn find(&mut self, prediction: &Prediction) -> (Candidate, u32) {
+    fn find(&mut self, prediction: &Prediction, search_radius_m: f64) -> (Candidate, u32) {
         self.deskew_selected(&prediction.scan_motion);
         let wanted = self.wanted_score();
         let mut best = (prediction.start, self.align(&prediction.pose));
@@ -198,11 +228,11 @@ impl Odometry {
             let still = (Start::ZeroMotion, self.align(&prediction.last));
             best = better(best, still);
         }
-        if best.1.score >= wanted || self.config.search_radius_m <= 0.0 {
+        if best.1.score >= wanted || search_radius_m <= 0.0 {
             return (best, 0);
         }
         let schedule = self.schedule(Resolution::Coarse);
-        let radius = self.config.search_radius_m * prediction.intervals().min(MOST_RADII);
+        let radius = search_radius_m * prediction.intervals().min(MOST_RADII);
         let found = self.search.run(&self.map, &self.frame, &prediction.last, radius, &schedule, &self.config);
         for pose in found.best.into_iter().flatten() {
             best = better(best, (Start::Search, self.align(&pose)));
@@ -252,11 +282,6 @@ impl Odometry {
         (share * self.usual_score).max(self.config.minimum_score)
     }
 
-    /// Whether a pose with this score is none.
-    fn is_lost(&self, score: f64) -> bool {
-        score < self.config.minimum_score.max(LOST_SHARE * self.usual_score)
-    }
-
     /// Deskews by the motion that was found, and aligns again, until both agree.
     fn refine_motion(&mut self, candidate: Candidate, prediction: &Prediction) -> Candidate {
         let (start, mut outcome) = candidate;
@@ -269,7 +294,7 @@ impl Odometry {
         let rounds = if self.first.is_empty() { MOST_DESKEWS } else { 3 * MOST_DESKEWS };
         for _ in 1..rounds {
             let found = prediction.scan_motion_to(&outcome.map_from_scanner);
-            if self.is_lost(outcome.score) || deskew::difference_m(&used, &found, range) < DESKEW_TOLERANCE_M {
+            if outcome.score < self.least_score() || deskew::difference_m(&used, &found, range) < DESKEW_TOLERANCE_M {
                 break;
             }
             self.deskew_first(&found);
@@ -299,113 +324,9 @@ impl Odometry {
         self.deskew_all(&motion);
         self.map.insert(&self.deskewed, &found, self.config.threads);
         self.track.advance(prediction, &found);
-        record
+        let scan_motion = if self.has_times() { motion } else { Twist::zeros() };
+        FrameRecord { scan_motion, ..record }
     }
-
-    fn record(&self, start: Start, outcome: &Outcome, searched: u32, prediction: &Prediction) -> FrameRecord {
-        let constraint = system::in_scanner_axes(&outcome.constraint, &outcome.map_from_scanner);
-        let sums = &outcome.system;
-        let lost = self.is_lost(outcome.score);
-        let status = if lost {
-            FrameStatus::Lost
-        } else if constraint.constrained_directions() < 6 {
-            FrameStatus::UnderConstrained
-        } else {
-            FrameStatus::Tracked
-        };
-        let mean_square = sums.residual_sq / sums.weight.max(1.0);
-        let sigma = self.threshold.sigma_m();
-        let share = self.config.points_per_independent_error;
-        let points = self.frame.points();
-        FrameRecord {
-            status,
-            map_from_scanner: outcome.map_from_scanner,
-            covariance: if lost {
-                self.covariance_of_prediction()
-            } else {
-                system::covariance(&constraint, mean_square, sums.weight, share, sigma)
-            },
-            start,
-            score: outcome.score,
-            overlap: sums.pairs / points.max(1) as f64,
-            residual_rms_m: mean_square.sqrt(),
-            iterations: outcome.iterations,
-            converged: outcome.converged,
-            searched,
-            points: points as u32,
-            constraint,
-            ..self.unaligned(status, prediction)
-        }
-    }
-
-    /// The record of a frame that says nothing of the pose.
-    fn unaligned(&self, status: FrameStatus, prediction: &Prediction) -> FrameRecord {
-        FrameRecord {
-            status,
-            map_from_scanner: prediction.pose,
-            covariance: self.covariance_of_prediction(),
-            start: prediction.start,
-            score: 0.0,
-            overlap: 0.0,
-            residual_rms_m: 0.0,
-            iterations: 0,
-            converged: false,
-            threshold_m: self.threshold.sigma_m(),
-            searched: 0,
-            points: 0,
-            constraint: Constraint::none(self.config.constrained_eigenvalue),
-        }
-    }
-
-    /// A prediction is off by sigma at the far end of the range, by translation or by rotation.
-    fn covariance_of_prediction(&self) -> Covariance {
-        let sigma = self.threshold.sigma_m();
-        let turn = sigma / self.config.max_range_m;
-        let variance = |k: usize| if k < 3 { sigma * sigma } else { turn * turn };
-        Covariance::from_diagonal(&Twist::from_fn(|k, _| variance(k)))
-    }
-
-    fn has_times(&self) -> bool {
-        self.config.deskew && self.centroids.iter().any(|c| c.time > 0.0)
-    }
-
-    fn table(&self, motion: &Twist) -> Option<MotionTable> {
-        (self.has_times() && motion.norm() > 0.0).then(|| MotionTable::new(motion))
-    }
-
-    /// The points to be aligned, at the end of the scan.
-    fn deskew_selected(&mut self, motion: &Twist) {
-        let table = self.table(motion);
-        let points = self.selected.iter().filter_map(|k| self.centroids.get(*k as usize));
-        self.deskewed.clear();
-        self.deskewed.extend(points.map(|c| carried(table.as_ref(), c)));
-        self.frame.set_points(self.deskewed.iter().copied());
-        self.thinned.set_thinned(&self.frame, COARSE_POINTS);
-    }
-
-    /// All centroids, at the end of the scan.
-    fn deskew_all(&mut self, motion: &Twist) {
-        let table = self.table(motion);
-        self.deskewed.clear();
-        self.deskewed.extend(self.centroids.iter().map(|c| carried(table.as_ref(), c)));
-    }
-
-    /// Puts the first frame into the map anew while it is alone there, now that the second has told how the scanner was
-    /// moving.
-    fn deskew_first(&mut self, motion: &Twist) {
-        if self.first.is_empty() {
-            return;
-        }
-        let table = MotionTable::new(motion);
-        self.map.clear();
-        self.deskewed.clear();
-        self.deskewed.extend(self.first.iter().map(|c| carried(Some(&table), c)));
-        self.map.insert(&self.deskewed, &self.track.pose(), self.config.threads);
-    }
-}
-
-fn carried(table: Option<&MotionTable>, centroid: &Centroid) -> [f32; 3] {
-    table.map_or(centroid.point, |table| table.end_from(centroid.time, centroid.point))
 }
 
 fn better(one: Candidate, other: Candidate) -> Candidate {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::geometry::{Covariance, Pose};
+use crate::geometry::{Covariance, Pose, Twist};
 use crate::registration::Constraint;
 
 /// When a frame was taken.
@@ -70,9 +70,16 @@ pub struct FrameRecord {
     pub covariance: Covariance,
     /// Where the alignment that was kept had begun.
     pub start: Start,
+    /// `map_from_scanner` as it was expected: the guess, or the last motion gone on.
+    pub predicted: Pose,
+    /// The motion during the scan by which its points were deskewed: `start_from_end = exp(scan_motion)`, in the moving
+    /// scanner's frame. Zero where the points carry no times, and for the first frame.
+    pub scan_motion: Twist,
     /// The share of the frame's points that fit the map: the mean of 1 / (1 + (r / `robust_scale_m`)^2) over all
     /// points, with the distance r to the map's plane there, and 0 where the map has none.
     pub score: f64,
+    /// The score below which the frame is lost.
+    pub required_score: f64,
     /// The share of the frame's points for which the map has a plane.
     pub overlap: f64,
     /// Root mean square of the weighted distances to the planes [m].

@@ -5,9 +5,9 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::OdometryConfig;
 use super::local_map::{LocalMap, LocalPose};
 use super::system::{LANES, PairBlock, System};
-use super::voxel_key::floor;
 use crate::geometry::{Pose, Twist};
-use crate::registration::Constraint;
+use crate::registration::{Constraint, floor};
+use crate::simd;
 
 /// Blocks of pairs summed in single precision at a time. (A pass over all points takes about as long as starting a
 /// thread, so it stays on one; threads share out whole alignments, and the map.)
@@ -176,22 +176,9 @@ fn moved(pose: &Pose, step: &Twist) -> Pose {
     next
 }
 
-/// One pass over a run of blocks, on the widest vectors the machine has. The operations and their order are the same on
-/// all of them, and so are the bits.
+/// One pass over a run of blocks, on the widest vectors the machine has.
 fn pass_over(run: &mut Run<'_>, map: &LocalMap, pose: &LocalPose, resolution: Resolution, scale: f32) -> System {
-    #[cfg(target_arch = "x86_64")]
-    if std::arch::is_x86_feature_detected!("avx2") {
-        // SAFETY: the machine has AVX2, which is all the function asks for.
-        return unsafe { pass_over_avx2(run, map, pose, resolution, scale) };
-    }
-    pass_over_portable(run, map, pose, resolution, scale)
-}
-
-/// As [`pass_over_portable`], compiled for AVX2.
-#[cfg(target_arch = "x86_64")]
-#[target_feature(enable = "avx2")]
-fn pass_over_avx2(run: &mut Run<'_>, map: &LocalMap, pose: &LocalPose, resolution: Resolution, scale: f32) -> System {
-    pass_over_portable(run, map, pose, resolution, scale)
+    simd::widest(|| pass_over_portable(run, map, pose, resolution, scale))
 }
 
 #[inline(always)]
@@ -324,28 +311,18 @@ mod tests {
     }
 
     #[test]
-    #[cfg(target_arch = "x86_64")]
     fn wide_vectors_give_the_bits_of_the_portable_ones() {
-        if !std::arch::is_x86_feature_detected!("avx2") {
-            return;
-        }
         let (map, mut frame) = yard();
         let pose = map.local(&Pose::new(Vector3::new(0.1, -0.05, 0.02), Vector3::new(0.01, 0.0, 0.05)));
         for resolution in [Resolution::Fine, Resolution::Coarse] {
-            let mut pass = |wide: bool| {
+            let mut pass = |work: fn(&mut Run<'_>, &LocalMap, &LocalPose, Resolution, f32) -> System| {
                 frame.forget_partners();
                 let Frame { blocks, voxels, points } = &mut frame;
-                let run = &mut Run { blocks, voxels, points: *points };
-                if wide {
-                    // SAFETY: AVX2 was detected above.
-                    unsafe { pass_over_avx2(run, &map, &pose, resolution, 0.3) }
-                } else {
-                    pass_over_portable(run, &map, &pose, resolution, 0.3)
-                }
+                work(&mut Run { blocks, voxels, points: *points }, &map, &pose, resolution, 0.3)
             };
-            let wide = pass(true);
+            let wide = pass(pass_over);
             assert!(wide.pairs > 1000.0);
-            assert_eq!(wide, pass(false));
+            assert_eq!(wide, pass(pass_over_portable));
         }
     }
 

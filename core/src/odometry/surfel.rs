@@ -40,6 +40,25 @@ pub(super) struct Moments {
 }
 
 impl Moments {
+    /// The bytes of the sums.
+    pub const BYTES: usize = 40;
+
+    /// The sums as bytes, little-endian.
+    pub fn write(&self, out: &mut Vec<u8>) {
+        let values = [self.count].into_iter().chain(self.first).chain(self.second);
+        values.for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
+    }
+
+    /// The sums that [`Self::write`] wrote.
+    pub fn read(bytes: &[u8; Self::BYTES]) -> Self {
+        let mut values = [0.0; Self::BYTES / 4];
+        for (value, bytes) in values.iter_mut().zip(bytes.as_chunks::<4>().0) {
+            *value = f32::from_le_bytes(*bytes);
+        }
+        let [count, x, y, z, xx, xy, xz, yy, yz, zz] = values;
+        Self { count, first: [x, y, z], second: [xx, xy, xz, yy, yz, zz], changed: false }
+    }
+
     /// Adds a point, given from the voxel's lowest corner [m].
     #[inline]
     pub fn add(&mut self, p: [f32; 3]) {

@@ -1,17 +1,15 @@
 //! The normal equations of a frame's points against the planes of the map.
 
-use nalgebra::{Matrix3, Matrix6, SymmetricEigen, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::local_map::LocalPose;
-use crate::geometry::{Covariance, Pose, Twist};
-use crate::registration::Constraint;
+use crate::geometry::{Pose, Twist};
+use crate::registration::{Constraint, constraint_of};
 
 /// Points worked on side by side.
 pub(super) const LANES: usize = 8;
 /// Entries of the upper triangle of a 6x6 matrix.
 const UPPER: usize = 21;
-/// Added to the residual's variance [m^2]: no range finder is better than a millimetre.
-const LEAST_VARIANCE: f64 = 1e-6;
 
 /// Eight points of a frame and the planes they are paired with.
 #[derive(Debug, Clone, Copy, Default)]
@@ -165,37 +163,22 @@ impl System {
 
     /// Which directions the pairs constrain, in the map's axes.
     pub fn constraint(&self, threshold: f64) -> Constraint {
-        let length_m = (self.range_sq / self.weight).sqrt();
-        if !(length_m.is_finite() && length_m > 0.0) {
-            return Constraint::none(threshold);
-        }
-        let scale = scale_of(length_m);
-        let mut normalised = Matrix6::zeros();
+        let mut hessian = Matrix6::zeros();
         let mut k = 0;
         for row in 0..6 {
             for column in row..6 {
-                let value = self.upper[k] / (self.weight * scale[row] * scale[column]);
-                normalised[(row, column)] = value;
-                normalised[(column, row)] = value;
+                hessian[(row, column)] = self.upper[k];
+                hessian[(column, row)] = self.upper[k];
                 k += 1;
             }
         }
-        let eigen = SymmetricEigen::new(normalised);
-        let mut order = [0, 1, 2, 3, 4, 5];
-        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-        let mut constraint = Constraint { length_m, ..Constraint::none(threshold) };
-        for (place, from) in order.into_iter().enumerate() {
-            // Rounding can leave a zero eigenvalue slightly negative.
-            constraint.eigenvalues[place] = eigen.eigenvalues[from].max(0.0);
-            constraint.directions.set_column(place, &eigen.eigenvectors.column(from));
-        }
-        constraint
+        constraint_of(&hessian, self.weight, self.range_sq, threshold)
     }
 
     /// The Gauss-Newton step within the constrained directions; the others keep the prediction (Zhang, Kaess, Singh
     /// 2016). In the map's axes.
     pub fn step(&self, constraint: &Constraint) -> Twist {
-        let scale = scale_of(constraint.length_m);
+        let scale = constraint.scale();
         let gradient = Vector6::from(self.gradient).component_div(&scale) / self.weight;
         let mut step = Twist::zeros();
         for k in (0..6).filter(|k| constraint.is_constrained(*k)) {
@@ -204,11 +187,6 @@ impl System {
         }
         step.component_div(&scale)
     }
-}
-
-/// The factors that turn a twist into the normalised coordinates of a constraint's directions.
-fn scale_of(length_m: f64) -> Vector6<f64> {
-    Vector6::new(1.0, 1.0, 1.0, length_m, length_m, length_m)
 }
 
 /// The constraint with its directions turned from the map's axes to the scanner's: those of the perturbation on the
@@ -223,28 +201,4 @@ pub(super) fn in_scanner_axes(constraint: &Constraint, map_from_scanner: &Pose) 
         direction.fixed_rows_mut::<3>(3).copy_from(&(turn * lower));
     }
     turned
-}
-
-/// The covariance of a pose whose residuals have this mean square, from `points` of which `share` have one error in
-/// common. Unconstrained directions get at least `unknown_m` as their standard deviation.
-pub(super) fn covariance(
-    constraint: &Constraint,
-    mean_square: f64,
-    points: f64,
-    share: f64,
-    unknown_m: f64,
-) -> Covariance {
-    let known = (mean_square + LEAST_VARIANCE) * share / points.max(1.0);
-    let scale = scale_of(constraint.length_m);
-    let mut covariance = Covariance::zeros();
-    for k in 0..6 {
-        // An eigenvalue of zero would make it infinite, which no reader could use.
-        let mut spread = known / constraint.eigenvalues[k].max(1e-4);
-        if !constraint.is_constrained(k) {
-            spread = spread.max(unknown_m * unknown_m);
-        }
-        let direction = constraint.directions.column(k).component_div(&scale);
-        covariance += direction * direction.transpose() * spread;
-    }
-    (covariance + covariance.transpose()) * 0.5
 }

@@ -1,5 +1,7 @@
 //! How far the motion model is to be trusted: the adaptive threshold of KISS-ICP (Vizzo et al. 2023, section III-C).
 
+use serde::{Deserialize, Serialize};
+
 use crate::geometry::{Pose, rotation_angle};
 
 /// How far a motion displaces a point at `range_m` from the scanner, at most [m]: equation 4 of the paper.
@@ -8,7 +10,7 @@ pub(super) fn displacement_m(motion: &Pose, range_m: f64) -> f64 {
 }
 
 /// The deviations between predicted and found poses so far: equation 5.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct AdaptiveThreshold {
     initial_m: f64,
     min_motion_m: f64,

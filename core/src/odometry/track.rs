@@ -1,5 +1,7 @@
 //! Where the scanner was, how it moved, and where it should be next.
 
+use serde::{Deserialize, Serialize};
+
 use super::{FrameTime, Start};
 use crate::geometry::{self, Pose, Twist};
 
@@ -9,7 +11,7 @@ const FARTHEST_M: f64 = 1e10;
 const STALE_INTERVALS: f64 = 5.0;
 
 /// The scanner's last pose and motion.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Track {
     pose: Pose,
     /// The last motion, in the scanner's frame, over `interval`.
@@ -24,7 +26,7 @@ pub(super) struct Track {
 }
 
 /// What lies between two frames with a pose.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Interval {
     /// In frames: 1 when none was skipped between.
     frames: f64,
@@ -123,6 +125,11 @@ impl Track {
     /// The first frame.
     pub fn begin(&mut self, prediction: &Prediction) {
         *self = Self { pose: prediction.pose, end_s: prediction.end_s, tracked: 1, ..Self::default() };
+    }
+
+    /// The scanner is here; nothing is known of its motion.
+    pub fn restart(&mut self, pose: &Pose) {
+        *self = Self { pose: *pose, tracked: 1, ..Self::default() };
     }
 
     /// A frame has a pose.

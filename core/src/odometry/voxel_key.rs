@@ -1,5 +1,7 @@
 //! Voxel coordinates in one word, and where they go in a flat table.
 
+use crate::registration::floor;
+
 /// Bits of one voxel coordinate in a key.
 const AXIS_BITS: u32 = 21;
 const AXIS_MASK: u64 = (1 << AXIS_BITS) - 1;
@@ -31,14 +33,6 @@ pub(super) fn voxel_of(key: u64, near: [i32; 3]) -> [i32; 3] {
     ]
 }
 
-/// The greatest whole number not above `value`. The portable instruction set has no rounding to floor, and its library
-/// call would cost more than the rest of a look-up.
-#[inline(always)]
-pub(super) fn floor(value: f32) -> i32 {
-    let truncated = value as i32;
-    truncated - i32::from((truncated as f32) > value)
-}
-
 /// The voxel of edge `1 / per_metre` that holds a point.
 #[inline(always)]
 pub(super) fn voxel_at(point: [f32; 3], per_metre: f32) -> [i32; 3] {
@@ -68,11 +62,6 @@ mod tests {
         ) {
             let near = [0, 1, 2].map(|k: usize| voxel[k] + apart[k]);
             prop_assert_eq!(voxel_of(key_of(voxel), near), voxel);
-        }
-
-        #[test]
-        fn floor_is_floor(value in -1e6f32..1e6) {
-            prop_assert_eq!(floor(value), f64::from(value).floor() as i32);
         }
     }
 }

@@ -92,7 +92,7 @@ impl Constraint {
     }
 
     /// The factors that turn a twist into the normalised coordinates of `directions`.
-    pub(super) fn scale(&self) -> Vector6<f64> {
+    pub(crate) fn scale(&self) -> Vector6<f64> {
         Vector6::new(1.0, 1.0, 1.0, self.length_m, self.length_m, self.length_m)
     }
 }

@@ -34,7 +34,7 @@ pub(super) struct PlaneSystem {
 
 /// How the distances to the tangent planes err.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct ErrorModel {
+pub(crate) struct ErrorModel {
     /// Variance of each distance [m^2].
     pub variance: f64,
     /// How many points have one error in common.
@@ -167,40 +167,52 @@ impl PlaneSystem {
 
     /// Which directions the pairs constrain.
     pub fn constraint(&self, threshold: f64) -> Constraint {
-        let length_m = (self.range_sq / self.weight).sqrt();
-        if !(length_m.is_finite() && length_m > 0.0) {
-            return Constraint::none(threshold);
-        }
-        let scale = Vector6::new(1.0, 1.0, 1.0, length_m, length_m, length_m);
-        let normalised = Matrix6::from_fn(|r, c| self.equations.hessian[(r, c)] / (self.weight * scale[r] * scale[c]));
-        let eigen = SymmetricEigen::new(normalised);
-        let mut order = [0, 1, 2, 3, 4, 5];
-        order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
-        let mut constraint = Constraint { length_m, ..Constraint::none(threshold) };
-        for (place, from) in order.into_iter().enumerate() {
-            // Rounding can leave a zero eigenvalue slightly negative.
-            constraint.eigenvalues[place] = eigen.eigenvalues[from].max(0.0);
-            constraint.directions.set_column(place, &eigen.eigenvectors.column(from));
-        }
-        constraint
+        constraint_of(&self.equations.hessian, self.weight, self.range_sq, threshold)
     }
 
     /// The covariance of the pose. Unconstrained directions get at least `unknown_m` as their standard deviation.
     pub fn covariance(&self, constraint: &Constraint, errors: &ErrorModel, unknown_m: f64) -> Covariance {
-        let known = (errors.variance + LEAST_VARIANCE) * errors.share / self.weight.max(1.0);
-        let mut covariance = Covariance::zeros();
-        for k in 0..6 {
-            // An eigenvalue of zero would make it infinite, which no reader could use.
-            let eigenvalue = constraint.eigenvalues[k].max(1e-4);
-            let mut spread = known / eigenvalue + (errors.bias_m / eigenvalue).powi(2);
-            if !constraint.is_constrained(k) {
-                spread = spread.max(unknown_m * unknown_m);
-            }
-            let direction = constraint.directions.column(k).component_div(&constraint.scale());
-            covariance += direction * direction.transpose() * spread;
-        }
-        (covariance + covariance.transpose()) * 0.5
+        covariance_of(constraint, errors, self.weight, unknown_m)
     }
+}
+
+/// Which directions the pairs of these normal equations constrain, in the axes of those: `weight` is the sum of the
+/// pairs' weights, `range_sq` that of their weighted squared ranges [m^2].
+pub(crate) fn constraint_of(hessian: &Matrix6<f64>, weight: f64, range_sq: f64, threshold: f64) -> Constraint {
+    let length_m = (range_sq / weight).sqrt();
+    if !(length_m.is_finite() && length_m > 0.0) {
+        return Constraint::none(threshold);
+    }
+    let mut constraint = Constraint { length_m, ..Constraint::none(threshold) };
+    let scale = constraint.scale();
+    let normalised = Matrix6::from_fn(|r, c| hessian[(r, c)] / (weight * scale[r] * scale[c]));
+    let eigen = SymmetricEigen::new(normalised);
+    let mut order = [0, 1, 2, 3, 4, 5];
+    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    for (place, from) in order.into_iter().enumerate() {
+        // Rounding can leave a zero eigenvalue slightly negative.
+        constraint.eigenvalues[place] = eigen.eigenvalues[from].max(0.0);
+        constraint.directions.set_column(place, &eigen.eigenvectors.column(from));
+    }
+    constraint
+}
+
+/// The covariance of a pose found by pairs with this sum of weights. Unconstrained directions get at least `unknown_m`
+/// as their standard deviation.
+pub(crate) fn covariance_of(constraint: &Constraint, errors: &ErrorModel, weight: f64, unknown_m: f64) -> Covariance {
+    let known = (errors.variance + LEAST_VARIANCE) * errors.share / weight.max(1.0);
+    let mut covariance = Covariance::zeros();
+    for k in 0..6 {
+        // An eigenvalue of zero would make it infinite, which no reader could use.
+        let eigenvalue = constraint.eigenvalues[k].max(1e-4);
+        let mut spread = known / eigenvalue + (errors.bias_m / eigenvalue).powi(2);
+        if !constraint.is_constrained(k) {
+            spread = spread.max(unknown_m * unknown_m);
+        }
+        let direction = constraint.directions.column(k).component_div(&constraint.scale());
+        covariance += direction * direction.transpose() * spread;
+    }
+    (covariance + covariance.transpose()) * 0.5
 }
 
 /// The lanes added up, in double precision and in one order.

@@ -40,8 +40,10 @@ pub(crate) mod test_scenes;
 
 pub use alignment::{Alignment, Constraint};
 pub use config::{ConfigError, Optimiser, PreparationConfig, RegistrationConfig};
+pub(crate) use information::{ErrorModel, constraint_of, covariance_of};
 pub use kdtree::{KdTree, Neighbours};
 pub use keyframe::PreparedCloud;
+pub(crate) use keyframe::floor;
 pub use limits::Limits;
 pub use registry::{Registry, RegistryError};
 pub use robust::RobustKernel;

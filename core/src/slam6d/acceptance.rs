@@ -180,6 +180,24 @@ pub enum Rejection {
         /// Directions needed.
         required: u32,
     },
+    /// The frame fits the odometry's local map at none of the poses tried.
+    #[error("lost: the scan fits the local map by {score:.3}; {required:.3} is needed ({searched} poses searched)")]
+    Lost {
+        /// Share of the points that fit, at best.
+        score: f64,
+        /// Share needed.
+        required: f64,
+        /// Poses the search has tried.
+        searched: u32,
+    },
+    /// A lost frame does not see what a keyframe saw.
+    #[error("not seen from the keyframe {distance_m:.1} m away: {reason}")]
+    NotRelocalised {
+        /// From the last known pose to the keyframe [m].
+        distance_m: f64,
+        /// What speaks against it.
+        reason: String,
+    },
     /// The method itself failed.
     #[error("{reason}")]
     Failed {

@@ -2,11 +2,12 @@
 //!
 //! [`SequentialAligner`] is the sequential part (section 3, steps 1 and 3): it aligns each scan to the last one that was
 //! accepted, judges the result, and accepts or flags it. [`global::GlobalAligner`] closes loops and corrects older scans
-//! (steps 4 and 5). What closed loops correct is spread by the [`pose_graph`], the default, or in proportion to distance
-//! ([`distribute`]); [`relaxation`] fits all scans to each other at once. All take in any
-//! [`crate::registration::Registration`].
+//! (steps 4 and 5). [`continuous::ContinuousAligner`] feeds the same map from the odometry of a scanner in motion. What
+//! closed loops correct is spread by the [`pose_graph`], the default, or in proportion to distance ([`distribute`]);
+//! [`relaxation`] fits all scans to each other at once. All take in any [`crate::registration::Registration`].
 
 mod acceptance;
+pub mod continuous;
 mod distribution;
 mod errors;
 pub mod global;

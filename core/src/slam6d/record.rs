@@ -18,6 +18,12 @@ pub enum HypothesisName {
     ConstantMotion,
     /// The same, with the larger pair distance.
     ConstantMotionWide,
+    /// The scanner stands where it was.
+    ZeroMotion,
+    /// Found by the search of the odometry around the last pose; the start given is the predicted one.
+    Search,
+    /// Found anew among the keyframes of the map, without any start.
+    Relocalisation,
 }
 
 /// One attempt to align the scan.

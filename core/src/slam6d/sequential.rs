@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix3, Matrix6};
+use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -11,7 +11,7 @@ use super::{
     AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
     TargetState,
 };
-use crate::geometry::{Covariance, Pose};
+use crate::geometry::{Covariance, Pose, adjoint};
 use crate::registration::coarse::CoarseConfig;
 use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
@@ -401,16 +401,6 @@ fn complete(record: &mut AlignmentRecord, target: &TargetState, accepted: Accept
     record.residual_m = alignment.residual_rms_m;
     record.constraint = Some(alignment.constraint);
     record.status = AlignmentStatus::Aligned;
-}
-
-/// The adjoint of a pose, for twists with translation before rotation.
-pub(super) fn adjoint(pose: &Pose) -> Matrix6<f64> {
-    let rotation: Matrix3<f64> = pose.rotation.to_rotation_matrix().into_inner();
-    let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose.translation.vector.cross_matrix() * rotation));
-    adjoint
 }
 
 /// Why the scan itself is of no use.

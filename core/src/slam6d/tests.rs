@@ -372,7 +372,7 @@ fn the_covariance_of_a_chain_is_carried_into_the_last_scanners_frame() {
 fn adjoint_check(target_from_source: &Pose, yaw_sigma: f64) -> crate::geometry::Covariance {
     let mut covariance = crate::geometry::Covariance::zeros();
     covariance[(5, 5)] = yaw_sigma * yaw_sigma;
-    let carried = sequential::adjoint(&target_from_source.inverse());
+    let carried = crate::geometry::adjoint(&target_from_source.inverse());
     // The adjoint itself: T exp(Ad(T^-1) x) = exp(x) T.
     let twist = crate::geometry::Twist::new(0.1, -0.2, 0.05, 0.02, 0.3, -0.1);
     let (left, right) = (exp(&twist) * target_from_source, target_from_source * exp(&(carried * twist)));

@@ -13,7 +13,7 @@ pub const ALIGNMENT_REJECTED: u32 = 2;
 
 message! {
     /// The pose of a scan; the items are the hypotheses that were tried, in order.
-    pub struct AlignmentMeta: "mirador/AlignmentMeta/1", size 944 {
+    pub struct AlignmentMeta: "mirador/AlignmentMeta/2", size 1000 {
         /// Names the scan.
         pub header: Header,
         /// map_from_scanner, row-major 4x4.
@@ -45,6 +45,15 @@ message! {
         pub keyframe_points: u32,
         /// Bytes of the reduced keyframe with its index.
         pub keyframe_bytes: u64,
+        /// The scanner's motion during the scan, by which its points are to be deskewed: with `start_from_end = exp(m)`,
+        /// a point seen at the fraction t of the scan is seen from its end at `exp(m)^(t - 1)` times it. Translation
+        /// [m], then rotation vector [rad], in the moving scanner's frame; zero when the scanner stood, and when its
+        /// points carry no times. `map_from_scanner` is the pose at the end of the scan then.
+        pub scan_motion: [f64; 6],
+        /// 1 when the scan is a node of the map from now on: accepted, and in continuous mode a keyframe.
+        pub is_keyframe: u32,
+        /// Not used.
+        pub reserved: u32,
         /// Name of the registration method.
         pub method: [u8; 32],
         /// Why it was not aligned; empty when it was.

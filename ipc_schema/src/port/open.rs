@@ -4,12 +4,13 @@ use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 
+use super::Ipc;
 use crate::domain::Domain;
 use crate::layout;
 use crate::topics::{Lag, Topic, describe};
 
-pub(super) type PubSub<T> = publish_subscribe::PortFactory<ipc::Service, [<T as Topic>::Item], <T as Topic>::Meta>;
-pub(super) type Event = event::PortFactory<ipc::Service>;
+pub(super) type PubSub<T> = publish_subscribe::PortFactory<Ipc, [<T as Topic>::Item], <T as Topic>::Meta>;
+pub(super) type Event = event::PortFactory<Ipc>;
 
 /// Most nodes that may open a topic.
 const MAX_NODES: usize = 32;
@@ -75,7 +76,7 @@ fn item_alignment<T: Topic>() -> Alignment {
     Alignment::new(largest).unwrap_or(Alignment::ALIGN_1)
 }
 
-pub(super) fn pub_sub<T: Topic>(node: &Node<ipc::Service>, domain: &Domain) -> Result<PubSub<T>, PortError> {
+pub(super) fn pub_sub<T: Topic>(node: &Node<Ipc>, domain: &Domain) -> Result<PubSub<T>, PortError> {
     let rules = T::RULES;
     let other = |reason: String| PortError::Other { topic: rules.name, reason };
     let name: ServiceName = rules.name.try_into().map_err(|e| other(format!("{e:?}")))?;
@@ -115,7 +116,7 @@ pub(super) fn pub_sub<T: Topic>(node: &Node<ipc::Service>, domain: &Domain) -> R
 /// What the process that created the service says of it.
 fn existing(name: &ServiceName, domain: &Domain) -> Option<String> {
     let config = domain.config().ok()?;
-    let details = ipc::Service::details(name, &config, MessagingPattern::PublishSubscribe).ok()??;
+    let details = Ipc::details(name, &config, MessagingPattern::PublishSubscribe).ok()??;
     let Pattern::PublishSubscribe(config) = details.static_details.messaging_pattern() else { return None };
     let types = config.message_type_details();
     let key = "schema_hash".try_into().ok()?;
@@ -133,7 +134,7 @@ fn existing(name: &ServiceName, domain: &Domain) -> Option<String> {
     ))
 }
 
-pub(super) fn event<T: Topic>(node: &Node<ipc::Service>) -> Result<Event, PortError> {
+pub(super) fn event<T: Topic>(node: &Node<Ipc>) -> Result<Event, PortError> {
     let rules = T::RULES;
     let other = |reason: String| PortError::Other { topic: rules.name, reason };
     let name: ServiceName = rules.name.try_into().map_err(|e| other(format!("{e:?}")))?;

@@ -1,12 +1,12 @@
 //! One process in a domain.
 
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 
-use super::{Counters, PortError, Publisher, StopSignal, Subscriber};
+use super::{Counters, Ipc, PortError, Publisher, StopSignal, Subscriber};
 use crate::domain::{Domain, DomainError};
 use crate::topics::{Sizes, Topic};
 
@@ -47,12 +47,12 @@ pub enum JoinError {
 /// One process in a domain: it opens the ports, waits for messages and counts what its ports do.
 #[derive(Debug)]
 pub struct Participant {
-    pub(super) node: Node<ipc::Service>,
+    pub(super) node: Node<Ipc>,
     pub(super) domain: Domain,
     pub(super) sizes: Sizes,
     pub(super) incarnation: u32,
     pub(super) wake: Wake,
-    pub(super) counters: Rc<Counters>,
+    pub(super) counters: Arc<Counters>,
     pub(super) stop: StopSignal,
 }
 
@@ -77,13 +77,13 @@ impl Participant {
             .name(&name)
             .config(&config)
             .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
+            .create::<Ipc>()
             .map_err(|e| JoinError::Node {
                 domain: domain.name().into(),
                 service: service.into(),
                 reason: format!("{e:?}"),
             })?;
-        Ok(Self { node, domain, sizes, incarnation, wake, counters: Rc::default(), stop })
+        Ok(Self { node, domain, sizes, incarnation, wake, counters: Arc::default(), stop })
     }
 
     /// Opens a topic to send on, all its slots allocated.
@@ -159,7 +159,7 @@ impl Participant {
         }
         let config = domain.config_of_existing()?;
         let mut peers = Vec::new();
-        let listed = Node::<ipc::Service>::list(&config, |state| {
+        let listed = Node::<Ipc>::list(&config, |state| {
             let (details, alive) = match &state {
                 NodeState::Alive(view) => (view.details().clone(), true),
                 NodeState::Dead(view) => (view.details().clone(), false),
@@ -183,6 +183,32 @@ impl Participant {
     /// Waits until one of the ports has something, the time is over or the process should end.
     pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) {
         super::wait::wait(self.wake, ports, timeout, &self.stop);
+    }
+
+    /// What waits as this participant does, for a thread that has taken some of the ports.
+    #[must_use]
+    pub fn waiter(&self) -> Waiter {
+        Waiter { wake: self.wake, stop: self.stop.clone() }
+    }
+}
+
+/// Waits for messages in a thread of its own, see [`Participant::waiter`].
+#[derive(Debug, Clone)]
+pub struct Waiter {
+    wake: Wake,
+    stop: StopSignal,
+}
+
+impl Waiter {
+    /// As [`Participant::wait`].
+    pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) {
+        super::wait::wait(self.wake, ports, timeout, &self.stop);
+    }
+
+    /// The signal that ends the process.
+    #[must_use]
+    pub fn stop(&self) -> &StopSignal {
+        &self.stop
     }
 }
 

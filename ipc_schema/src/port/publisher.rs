@@ -1,7 +1,7 @@
 //! Sending: loan a slice in shared memory, write in place, send.
 
 use std::cell::Cell;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::Duration;
 
 use iceoryx2::port::notifier::Notifier;
@@ -11,7 +11,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample_mut::SampleMut;
 
 use super::maps::{self, SegmentLocation};
-use super::{Counters, Participant, PortError, open};
+use super::{Counters, Ipc, Participant, PortError, open};
 use crate::messages::Meta;
 use crate::topics::{Lag, Topic};
 
@@ -78,9 +78,9 @@ pub enum PublishError {
 
 /// The sending end of a topic.
 pub struct Publisher<T: Topic> {
-    port: publisher::Publisher<ipc::Service, [T::Item], T::Meta>,
-    notifier: Notifier<ipc::Service>,
-    counters: Rc<Counters>,
+    port: publisher::Publisher<Ipc, [T::Item], T::Meta>,
+    notifier: Notifier<Ipc>,
+    counters: Arc<Counters>,
     sequence: Cell<u64>,
     incarnation: u32,
     capacity: usize,
@@ -119,7 +119,7 @@ impl<T: Topic> Publisher<T> {
         Ok(Self {
             port,
             notifier,
-            counters: Rc::clone(&participant.counters),
+            counters: Arc::clone(&participant.counters),
             sequence: Cell::new(0),
             incarnation: participant.incarnation,
             capacity,
@@ -171,7 +171,7 @@ impl<T: Topic> Publisher<T> {
         let mut loan = self.loan(items.len())?;
         *loan.meta_mut() = meta;
         loan.items_mut().copy_from_slice(items);
-        Counters::add(&self.counters.copied_payload_bytes, size_of_val(items) as u64);
+        self.counters.copied_payload_bytes.add(size_of_val(items) as u64);
         loan.send()?;
         Ok(())
     }
@@ -194,7 +194,7 @@ impl<T: Topic> Publisher<T> {
 
 /// A message being written in shared memory.
 pub struct Loan<'p, T: Topic> {
-    sample: SampleMut<ipc::Service, [T::Item], T::Meta>,
+    sample: SampleMut<Ipc, [T::Item], T::Meta>,
     publisher: &'p Publisher<T>,
 }
 
@@ -236,12 +236,12 @@ impl<T: Topic> Loan<'_, T> {
         // The number is used up even when a reader missed the message: that is how it sees the gap.
         publisher.sequence.set(sequence + 1);
         publisher.wake_readers();
-        Counters::add(&publisher.counters.sent, 1);
+        publisher.counters.sent.add(1);
         let topic = T::RULES.name;
         match sent {
             Ok(_) => Ok(()),
             Err(iceoryx2::port::SendError::UnableToDeliver) => {
-                Counters::add(&publisher.counters.undelivered, 1);
+                publisher.counters.undelivered.add(1);
                 Err(SendFailure::Undelivered { topic, sequence })
             }
             Err(e) => Err(SendFailure::Other { topic, reason: format!("{e:?}") }),

@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::os::fd::BorrowedFd;
-use std::rc::Rc;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -11,7 +11,7 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 
 use super::maps::{self, SegmentLocation};
-use super::{Counters, Participant, PortError, Wake, Wakeable, open};
+use super::{Counters, Ipc, Participant, PortError, Wake, Wakeable, open};
 use crate::messages::{Header, Meta};
 use crate::topics::{Lag, Topic};
 
@@ -44,9 +44,9 @@ struct Origin {
 
 /// The receiving end of a topic.
 pub struct Subscriber<T: Topic> {
-    port: subscriber::Subscriber<ipc::Service, [T::Item], T::Meta>,
-    listener: Option<Listener<ipc::Service>>,
-    counters: Rc<Counters>,
+    port: subscriber::Subscriber<Ipc, [T::Item], T::Meta>,
+    listener: Option<Listener<Ipc>>,
+    counters: Arc<Counters>,
     origins: RefCell<Vec<Origin>>,
 }
 
@@ -65,7 +65,7 @@ impl<T: Topic> Subscriber<T> {
         };
         let port =
             service.subscriber_builder().buffer_size(rules.buffer).create().map_err(|e| full(format!("{e:?}")))?;
-        Ok(Self { port, listener, counters: Rc::clone(&participant.counters), origins: RefCell::new(Vec::new()) })
+        Ok(Self { port, listener, counters: Arc::clone(&participant.counters), origins: RefCell::new(Vec::new()) })
     }
 
     /// The next message, if there is one. It stays in the publisher's segment; dropping it frees the slot.
@@ -82,8 +82,8 @@ impl<T: Topic> Subscriber<T> {
         })?;
         let Some(sample) = sample else { return Ok(None) };
         self.count_gap(sample.origin().value(), sample.user_header().header());
-        Counters::add(&self.counters.received, 1);
-        Ok(Some(Received { sample, counters: Rc::clone(&self.counters) }))
+        self.counters.received.add(1);
+        Ok(Some(Received { sample, counters: Arc::clone(&self.counters) }))
     }
 
     /// The next message, waiting for it at most `timeout` or until the process should end. While polling, this is the
@@ -128,7 +128,7 @@ impl<T: Topic> Subscriber<T> {
         };
         let lost = header.sequence.saturating_sub(origin.next_sequence);
         if lost > 0 && T::RULES.lag != Lag::Supersede {
-            Counters::add(&self.counters.lost, lost);
+            self.counters.lost.add(lost);
             tracing::warn!(topic = T::RULES.name, lost, next = header.sequence, "messages are missing");
         }
         origin.next_sequence = next_sequence;
@@ -158,8 +158,8 @@ impl<T: Topic> Wakeable for Subscriber<T> {
 
 /// A message, in place.
 pub struct Received<T: Topic> {
-    sample: Sample<ipc::Service, [T::Item], T::Meta>,
-    counters: Rc<Counters>,
+    sample: Sample<Ipc, [T::Item], T::Meta>,
+    counters: Arc<Counters>,
 }
 
 impl<T: Topic> Received<T> {
@@ -184,7 +184,7 @@ impl<T: Topic> Received<T> {
     /// A copy of the items. The bytes are counted.
     #[must_use]
     pub fn copy_items(&self) -> Vec<T::Item> {
-        Counters::add(&self.counters.copied_payload_bytes, size_of_val(self.items()) as u64);
+        self.counters.copied_payload_bytes.add(size_of_val(self.items()) as u64);
         self.items().to_vec()
     }
 

@@ -1,14 +1,29 @@
 //! How scans are aligned.
 
+use mirador_core::odometry::{KeyframeConfig, OdometryConfig};
 use mirador_core::registration::{ConfigError, RegistrationConfig, Registry, RegistryError};
 use mirador_core::slam6d::SequentialConfig;
+use mirador_core::slam6d::continuous::{ContinuousConfig, RelocalisationConfig};
 use mirador_core::slam6d::global::GlobalConfig;
 use serde::{Deserialize, Serialize};
+
+/// What a scan is aligned to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AlignmentMode {
+    /// The last accepted scan: for scans that are taken standing.
+    #[default]
+    Scan,
+    /// The local map of an odometry: for scanners in motion.
+    Continuous,
+}
 
 /// How scans are aligned.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AlignmentConfig {
+    /// What a scan is aligned to.
+    pub mode: AlignmentMode,
     /// Name of the registration method.
     pub registration: String,
     /// Older scans are corrected after the plan of the newest, which then has the cores to itself. Switched off in a
@@ -22,17 +37,27 @@ pub struct AlignmentConfig {
     pub sequential: SequentialConfig,
     /// Loop closing and the correction of older scans.
     pub global: GlobalConfig,
+    /// `continuous`: scan to local map. Its `threads` are those of the service.
+    pub odometry: OdometryConfig,
+    /// `continuous`: which scans are nodes of the map.
+    pub keyframes: KeyframeConfig,
+    /// `continuous`: what happens when the odometry is lost.
+    pub relocalisation: RelocalisationConfig,
 }
 
 impl Default for AlignmentConfig {
     fn default() -> Self {
         Self {
+            mode: AlignmentMode::Scan,
             registration: "gicp".into(),
             correct_after_plan: true,
             plan_patience_ms: 1000,
             method: RegistrationConfig::default(),
             sequential: SequentialConfig::default(),
             global: GlobalConfig::default(),
+            odometry: OdometryConfig::default(),
+            keyframes: KeyframeConfig::default(),
+            relocalisation: RelocalisationConfig::default(),
         }
     }
 }
@@ -46,7 +71,18 @@ impl AlignmentConfig {
         ConfigError::check("plan_patience_ms", f64::from(self.plan_patience_ms), 0.0, 60_000.0)?;
         self.method.validate()?;
         self.sequential.validate()?;
-        self.global.validate()
+        self.global.validate()?;
+        self.odometry.validate()?;
+        self.keyframes.validate()?;
+        self.relocalisation.validate()
+    }
+
+    /// The settings of the continuous mode, with this number of threads.
+    #[must_use]
+    pub fn continuous(&self, threads: usize) -> ContinuousConfig {
+        let (mut odometry, mut relocalisation) = (self.odometry.clone(), self.relocalisation.clone());
+        (odometry.threads, relocalisation.search.threads) = (threads, threads);
+        ContinuousConfig { odometry, keyframes: self.keyframes.clone(), relocalisation }
     }
 
     /// Checks the name of the method.

@@ -2,7 +2,7 @@
 
 use mirador_core::geometry::{rotation_angle, rows_from_pose};
 use mirador_core::slam6d::global::{self, CorrectionRecord, PairKind, PairRecord, PairStart};
-use mirador_core::slam6d::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
+use mirador_core::slam6d::{AlignmentStatus, Hypothesis, HypothesisName};
 use mirador_ipc_schema::layout::Record;
 use mirador_ipc_schema::messages::{
     self, ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Header, LoopClosingMeta,
@@ -12,14 +12,14 @@ use mirador_ipc_schema::messages::{
 use mirador_ipc_schema::{ScanId, text};
 use nalgebra::Matrix6;
 
+use crate::aligner::Aligned;
+
 /// What the record does not know.
 pub(crate) struct Facts {
     /// Header of the message.
     pub header: Header,
-    /// Points of the reduced keyframe.
-    pub keyframe_points: usize,
-    /// Bytes the service keeps of it.
-    pub keyframe_bytes: usize,
+    /// Points of the reduced keyframe, and bytes the service keeps of it.
+    pub keyframe: (usize, usize),
     /// Time the preparation of the scan took [ns].
     pub prepare_ns: u64,
     /// Time the registration took [ns].
@@ -27,7 +27,8 @@ pub(crate) struct Facts {
 }
 
 /// The meta part of an alignment message.
-pub(crate) fn meta(record: &AlignmentRecord, facts: &Facts) -> AlignmentMeta {
+pub(crate) fn meta(aligned: &Aligned, facts: &Facts) -> AlignmentMeta {
+    let record = &aligned.record;
     let (status, reason) = match &record.status {
         AlignmentStatus::First => (ALIGNMENT_FIRST, String::new()),
         AlignmentStatus::Aligned => (ALIGNMENT_ACCEPTED, String::new()),
@@ -47,8 +48,11 @@ pub(crate) fn meta(record: &AlignmentRecord, facts: &Facts) -> AlignmentMeta {
         iterations: record.iterations,
         constrained: record.constraint.as_ref().map_or(0, |c| u32::from(c.mask())),
         has_prior: u32::from(record.prior.is_some()),
-        keyframe_points: facts.keyframe_points as u32,
-        keyframe_bytes: facts.keyframe_bytes as u64,
+        keyframe_points: facts.keyframe.0 as u32,
+        keyframe_bytes: facts.keyframe.1 as u64,
+        scan_motion: aligned.scan_motion.into(),
+        is_keyframe: u32::from(aligned.is_keyframe),
+        reserved: 0,
         method: text::pack(&record.method),
         reason: text::pack(&reason),
     }
@@ -159,6 +163,9 @@ fn word(name: HypothesisName) -> &'static str {
         HypothesisName::PriorMotionWide => "prior motion, wide gate",
         HypothesisName::ConstantMotion => "constant motion",
         HypothesisName::ConstantMotionWide => "constant motion, wide gate",
+        HypothesisName::ZeroMotion => "no motion",
+        HypothesisName::Search => "search around the last pose",
+        HypothesisName::Relocalisation => "relocalisation at a keyframe",
     }
 }
 

@@ -1,23 +1,24 @@
 //! The loop: a scan comes, its pose goes out; when its plan is out, older scans are corrected.
 
-use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::registration::Registry;
-use mirador_core::slam6d::global::{CorrectionRecord, GlobalAligner, Journalled};
+use mirador_core::slam6d::global::{CorrectionRecord, Journalled};
 use mirador_ipc_schema::messages::{
     AlignmentMeta, Envelope, Header, Hypothesis, LoopClosingMeta, PoseCorrection, SCAN_HAS_PRIOR, ScanId, ScanPair,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, Topic, Wakeable, clock, topics};
-use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
+use mirador_ipc_schema::{Participant, Publisher, Subscriber, Topic, clock, topics};
+use mirador_service_common::{ServiceError, log_place, nanoseconds};
 
-use crate::AlignmentConfig;
+use crate::aligner::Aligner;
+use crate::intake::{Intake, Ready};
 use crate::messages::{self, Facts};
-use crate::restart::make_aligner;
-use crate::state::{LastMessages, Progress, Store, Waiting};
+use crate::restart::{make_aligner, make_method};
+use crate::state::{AlignerStates, LastMessages, Progress, Store, Waiting};
+use crate::{AlignmentConfig, AlignmentMode};
 
 /// Aligns every scan of the run until the process is stopped.
 ///
@@ -35,10 +36,10 @@ pub fn run(setup: &ServiceSetup, config: &AlignmentConfig, registry: &Registry) 
     while !setup.stop.is_set() {
         alignment.wait(&participant);
         alignment.receive_priors()?;
-        while let Some(scan) = alignment.next_scan()? {
+        while let Some(ready) = alignment.intake.take()? {
             // The prior was sent before the scan, so it is there.
             alignment.receive_priors()?;
-            alignment.align(&participant, &scan)?;
+            alignment.align(&participant, ready)?;
         }
         alignment.receive_plans()?;
         alignment.correct(&participant)?;
@@ -84,18 +85,16 @@ impl Outbox {
 struct Alignment<'a> {
     setup: &'a ServiceSetup,
     config: &'a AlignmentConfig,
-    scans: Subscriber<topics::Scan>,
+    intake: Intake,
     priors: Subscriber<topics::Pose>,
     plans: Subscriber<topics::ViewPlan>,
     outbox: Outbox,
     health: HealthReporter,
-    aligner: GlobalAligner,
+    aligner: Aligner,
     store: Store,
     last: LastMessages,
     /// Priors by the id of their scan.
     prior_of: BTreeMap<u64, Pose>,
-    /// A scan that came during a correction.
-    held: RefCell<Option<Received<topics::Scan>>>,
     /// Scans that were aligned and whose correction is due.
     waiting: VecDeque<Waiting>,
     /// Since when the first of them waits.
@@ -113,12 +112,12 @@ impl<'a> Alignment<'a> {
         registry: &Registry,
         participant: &Participant,
     ) -> Result<Self, ServiceError> {
-        let scans = participant.subscriber()?;
+        let scans: Subscriber<topics::Scan> = participant.subscriber()?;
         let priors = participant.subscriber()?;
         let plans = participant.subscriber()?;
         let mut health = HealthReporter::open(participant, &setup.name)?;
         let (store, mut saved) = Store::open(setup)?;
-        health.message("waiting for the target scan");
+        health.message("going on from old scans");
         let aligner = make_aligner(setup, config, registry, participant, &scans, &mut saved)?;
         health.message("");
         let outbox = Outbox {
@@ -127,10 +126,15 @@ impl<'a> Alignment<'a> {
             loops: participant.publisher()?,
         };
         outbox.repeat(&saved.last)?;
+        let preparing = match config.mode {
+            AlignmentMode::Scan => Some(make_method(setup, config, registry)?),
+            AlignmentMode::Continuous => None,
+        };
+        let intake = Intake::start(scans, participant.waiter(), preparing, saved.aligned_scans)?;
         Ok(Self {
             setup,
             config,
-            scans,
+            intake,
             priors,
             plans,
             outbox,
@@ -139,7 +143,6 @@ impl<'a> Alignment<'a> {
             store,
             last: saved.last,
             prior_of: BTreeMap::new(),
-            held: RefCell::new(None),
             waiting: saved.waiting.into(),
             waiting_since: Instant::now(),
             planned_scans: 0,
@@ -149,17 +152,11 @@ impl<'a> Alignment<'a> {
     }
 
     fn wait(&self, participant: &Participant) {
-        if self.held.borrow().is_some() || self.is_correction_ready() {
+        if self.is_correction_ready() {
             return;
         }
-        let (scans, plans): (&dyn Wakeable, &dyn Wakeable) = (&self.scans, &self.plans);
         let timeout = if self.waiting.is_empty() { HEARTBEAT } else { self.patience_left().min(HEARTBEAT) };
-        participant.wait(&[scans, plans], timeout);
-    }
-
-    fn next_scan(&self) -> Result<Option<Received<topics::Scan>>, ServiceError> {
-        let held = self.held.take();
-        if held.is_some() { Ok(held) } else { Ok(self.scans.receive()?) }
+        participant.wait(&[self.intake.bell(), &self.plans], timeout);
     }
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {
@@ -182,9 +179,8 @@ impl<'a> Alignment<'a> {
         Ok(())
     }
 
-    fn align(&mut self, participant: &Participant, scan: &Received<topics::Scan>) -> Result<(), ServiceError> {
-        let begin = Instant::now();
-        let began_ns = clock::monotonic_ns();
+    fn align(&mut self, participant: &Participant, ready: Ready) -> Result<(), ServiceError> {
+        let Ready { scan, prepared, began_ns, prepare_time } = ready;
         let id = scan.header().id;
         let number = ScanId::unpack(id).scan;
         if number < self.aligned_scans {
@@ -198,26 +194,34 @@ impl<'a> Alignment<'a> {
         if prior.is_none() && scan.meta().flags & SCAN_HAS_PRIOR != 0 {
             tracing::warn!(scan = number, "the announced prior did not come; going on without");
         }
-        let prepared = self.aligner.registration().prepare(view::scan(scan.meta(), scan.items()));
-        let prepare_ns = nanoseconds(begin.elapsed());
-        let record = self.aligner.align_prepared(id, prepared, prior);
+        let begin = Instant::now();
+        let aligned = self.aligner.align(&scan, prepared, prior);
         let facts = Facts {
             header: Header::about(scan.header(), began_ns),
-            keyframe_points: self.aligner.keyframe_points(),
-            keyframe_bytes: self.aligner.keyframe_bytes(),
-            prepare_ns,
+            keyframe: self.aligner.keyframe(),
+            prepare_ns: nanoseconds(prepare_time),
             align_ns: nanoseconds(begin.elapsed()),
         };
-        let meta = messages::meta(&record, &facts);
-        let hypotheses: Vec<_> = record.hypotheses.iter().map(messages::hypothesis).collect();
+        let meta = messages::meta(&aligned, &facts);
+        let hypotheses: Vec<_> = aligned.record.hypotheses.iter().map(messages::hypothesis).collect();
         send(&self.outbox.poses, meta, &hypotheses)?;
         self.last.alignment = messages::to_bytes(&meta, &hypotheses);
         self.aligned_scans = number + 1;
+        self.intake.set_done(self.aligned_scans);
+        self.say_whether_lost();
         if self.waiting.is_empty() {
             self.waiting_since = Instant::now();
         }
         self.waiting.push_back(Waiting::new(scan.header()));
         self.save()
+    }
+
+    /// So that whoever watches the graph sees it, too.
+    fn say_whether_lost(&mut self) {
+        match self.aligner.lost_scans() {
+            0 => self.health.message(""),
+            lost => self.health.message(&format!("lost for {lost} scans: looking for the place among the keyframes")),
+        }
     }
 
     /// The plan of the newest scan is out, or nobody waits for one any more.
@@ -236,15 +240,8 @@ impl<'a> Alignment<'a> {
             return Ok(());
         }
         let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
-        let (scans, held) = (&self.scans, &self.held);
-        let is_wanted = || {
-            let mut held = held.borrow_mut();
-            if held.is_none() {
-                // An error comes again when the scan is received in its turn.
-                *held = scans.receive().ok().flatten();
-            }
-            held.is_some() || self.setup.stop.is_set()
-        };
+        let (intake, stop) = (&self.intake, &self.setup.stop);
+        let is_wanted = || intake.has_arrived() || stop.is_set();
         let record = self.aligner.correct(&is_wanted);
         if record.is_none() && self.aligner.is_correction_due() {
             return Ok(());
@@ -295,11 +292,20 @@ impl<'a> Alignment<'a> {
 
     fn save(&mut self) -> Result<(), ServiceError> {
         let entries: Vec<Journalled> = self.aligner.take_journal();
+        let (mut aligner, mut snapshot) = (AlignerStates::default(), None);
+        match &mut self.aligner {
+            Aligner::Scan(scan) => aligner.scan = scan.state().clone(),
+            Aligner::Continuous(continuous) => {
+                snapshot = continuous.take_snapshot();
+                aligner.continuous = continuous.state().clone();
+            }
+        }
         let progress = Progress {
             aligned_scans: self.aligned_scans,
             finished_scans: self.finished_scans,
             waiting: self.waiting.iter().copied().collect(),
-            aligner: self.aligner.state(),
+            aligner,
+            snapshot,
             last: &self.last,
         };
         Ok(self.store.save(&entries, progress)?)

@@ -11,3 +11,4 @@ mod windows;
 pub(super) use cells::Cell;
 pub use cloud::PreparedCloud;
 pub(super) use search::LastBrick;
+pub(crate) use voxels::floor;

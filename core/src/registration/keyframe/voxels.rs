@@ -235,9 +235,10 @@ pub(super) fn bits(mut mask: u64) -> impl Iterator<Item = u32> {
     })
 }
 
-/// The greatest whole number not above a value within the range limits; cheaper than a call without SSE 4.
+/// The greatest whole number not above a value. The portable instruction set has no rounding to floor, and its library
+/// call would cost more than the rest of a look-up.
 #[inline(always)]
-pub(super) fn floor(value: f32) -> i32 {
+pub(crate) fn floor(value: f32) -> i32 {
     let truncated = value as i32;
     truncated.wrapping_sub(i32::from((truncated as f32) > value))
 }
@@ -317,6 +318,13 @@ mod tests {
         for expected in [[-3.0, 2.1, 0.1], [1.02, 1.03, 0.02]] {
             let near = |c: &&[f32; 3]| (0..3).all(|k| (c[k] - expected[k]).abs() < 1e-6);
             assert!(centroids.iter().any(|c| near(&c)), "{expected:?} in {centroids:?}");
+        }
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn floor_is_floor(value in -1e6f32..1e6) {
+            proptest::prop_assert_eq!(floor(value), f64::from(value).floor() as i32);
         }
     }
 

@@ -62,10 +62,10 @@ pub enum MapRestoreError {
 /// The same scans, priors and settings give the same bits, whatever the number of threads, as long as every
 /// [`Self::align_next`] is followed by [`Self::correct`] until nothing is left to do.
 pub struct GlobalAligner {
-    sequential: SequentialAligner,
-    config: GlobalConfig,
+    pub(super) sequential: SequentialAligner,
+    pub(super) config: GlobalConfig,
     sequential_config: SequentialConfig,
-    map: Map,
+    pub(super) map: Map,
     ready: Ready,
     verification: Verification,
     /// Nodes whose correction is due.
@@ -240,8 +240,8 @@ impl GlobalAligner {
     }
 
     /// Registers the oldest scan that waits for it with earlier ones, looks for loops, and corrects older poses; the
-    /// next scan is aligned relative to the corrected ones. `None` when no scan waits, or when `interrupted` says so
-    /// between two pairs; then the next call goes on from there.
+    /// next scan is aligned relative to the corrected ones. `None` when no scan waits, or when `interrupted`, which is
+    /// asked before every registration, preparation and search, says so; then the next call goes on from there.
     pub fn correct(&mut self, interrupted: &dyn Fn() -> bool) -> Option<CorrectionRecord> {
         let node = *self.pending.front()?;
         let mut work = match self.work.take() {
@@ -249,12 +249,11 @@ impl GlobalAligner {
             _ => self.begin(node),
         };
         while let Some(candidate) = work.left.pop_front() {
-            if interrupted() {
+            if !self.try_pair(&mut work, &candidate, interrupted) {
                 work.left.push_front(candidate);
                 self.work = Some(work);
                 return None;
             }
-            self.try_pair(&mut work, &candidate);
         }
         self.pending.pop_front();
         Some(self.finish(work))
@@ -274,7 +273,8 @@ impl GlobalAligner {
         Work { node, considered, left: candidates.into(), tried: Vec::new(), accepted: Vec::new() }
     }
 
-    fn try_pair(&mut self, work: &mut Work, candidate: &Candidate) {
+    /// Whether there was time for it.
+    fn try_pair(&mut self, work: &mut Work, candidate: &Candidate, interrupted: &dyn Fn() -> bool) -> bool {
         let mut measuring = Measuring {
             config: &self.config,
             sequential: &self.sequential_config,
@@ -284,8 +284,9 @@ impl GlobalAligner {
             ready: &mut self.ready,
             verification: &mut self.verification,
             map_from_source: self.map.poses[candidate.source],
+            interrupted,
         };
-        let (mut record, pair) = measuring.measure(candidate);
+        let Some((mut record, pair)) = measuring.measure(candidate) else { return false };
         if let Some(pair) = pair {
             match self.map.add_pair(&pair) {
                 Ok(()) => work.accepted.push(pair),
@@ -293,6 +294,7 @@ impl GlobalAligner {
             }
         }
         work.tried.push(record);
+        true
     }
 
     /// Solves for the poses with the pairs found.
@@ -344,16 +346,21 @@ impl GlobalAligner {
             scan_id: record.scan_id,
             map_from_scanner: record.map_from_scanner,
             covariance: record.pair_covariance.unwrap_or(record.covariance),
-            accepted,
+            is_node: accepted,
             target_id: record.target_id,
             target_from_scanner: measured.or_else(|| Some(target?.inverse() * record.map_from_scanner)),
         };
         let keyframe = self.sequential.keyframe().filter(|_| accepted).map(|target| Keyframe::new(target.points()));
+        self.enter_keyframe(entry, keyframe);
+    }
+
+    /// Enters a scan in the map; its correction is due when it is a node.
+    pub(super) fn enter_keyframe(&mut self, entry: ScanEntry, keyframe: Option<Keyframe>) {
         let bytes = keyframe.as_ref().filter(|_| self.is_journalling).map(Keyframe::to_bytes);
         // An entry made from a record of the same map always fits it.
         if self.map.take_scan(&entry, keyframe).is_ok() {
-            if accepted {
-                self.pending.extend(self.map.node_of(record.scan_id));
+            if entry.is_node {
+                self.pending.extend(self.map.node_of(entry.scan_id));
                 self.limit_pending();
             }
             self.note(JournalEntry::Scan(Box::new(entry)), bytes);

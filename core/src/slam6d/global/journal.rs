@@ -24,11 +24,11 @@ pub struct ScanEntry {
     pub scan_id: u64,
     /// Its pose, a guess when it was not accepted.
     pub map_from_scanner: Pose,
-    /// Covariance of the pose of a scan that was not accepted; of the pair with the target for one that was.
+    /// Of a node, covariance of the pair with the target; else of its pose.
     pub covariance: Covariance,
-    /// Whether it was accepted and is a node from now on.
-    pub accepted: bool,
-    /// The scan it was aligned to, or for one that was not accepted, the scan it moves along with.
+    /// Whether it is a node from now on: it was accepted, and in continuous mode it is a keyframe.
+    pub is_node: bool,
+    /// The scan it was aligned to, or for one that is no node, the scan it moves along with.
     pub target_id: Option<u64>,
     /// `target_from_scanner` as measured; for a scan that was not accepted, by the poses.
     pub target_from_scanner: Option<Pose>,

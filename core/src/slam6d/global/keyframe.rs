@@ -66,6 +66,11 @@ impl Keyframe {
         self.packed.iter().map(|point| unpack(*point, self.step_m)).collect()
     }
 
+    /// The number of points.
+    pub fn len(&self) -> usize {
+        self.packed.len()
+    }
+
     /// Where the points lie, coarsely.
     pub fn footprint(&self) -> &Footprint {
         &self.footprint

@@ -31,13 +31,13 @@ pub(super) struct Map {
     pub edges_to: Vec<Vec<usize>>,
     pub positions: Positions,
     pub uncertainty: Uncertainty,
-    /// Scans that were not accepted: they move along with the scan before.
+    /// Scans that are no nodes (not accepted, or between two keyframes): they move along with the node before.
     pub followers: Vec<Follower>,
     pub keyframe_bytes: usize,
     node_of: BTreeMap<u64, usize>,
 }
 
-/// A scan that was not accepted.
+/// A scan that is no node.
 pub(super) struct Follower {
     pub scan_id: u64,
     pub anchor: usize,
@@ -61,7 +61,7 @@ impl Map {
             Some(id) => Some(self.node_of(id).ok_or_else(|| unfit("its target is not in the map"))?),
             None => None,
         };
-        if !entry.accepted {
+        if !entry.is_node {
             if let (Some(anchor), Some(anchor_from_scanner)) = (target, entry.target_from_scanner) {
                 let (scan_id, covariance) = (entry.scan_id, entry.covariance);
                 self.followers.push(Follower { scan_id, anchor, anchor_from_scanner, covariance });
@@ -187,10 +187,11 @@ impl Map {
     pub fn bytes(&self) -> usize {
         let node = size_of::<u64>() + size_of::<Pose>() + size_of::<Vec<usize>>() + 2 * size_of::<Covariance>();
         let edge = size_of::<Edge>() + size_of::<Covariance>() + size_of::<usize>();
-        self.keyframe_bytes + self.poses.len() * node + self.edges.len() * edge
+        let followers = self.followers.len() * size_of::<Follower>();
+        self.keyframe_bytes + self.poses.len() * node + self.edges.len() * edge + followers
     }
 
-    /// The pose of the last scan of all, if it was not accepted.
+    /// The pose of the last scan of all, if it is no node.
     pub fn last_follower(&self) -> Option<(u64, Pose)> {
         let follower = self.followers.last()?;
         Some((follower.scan_id, self.poses.get(follower.anchor)? * follower.anchor_from_scanner))

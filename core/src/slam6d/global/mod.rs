@@ -8,6 +8,7 @@ mod aligner;
 mod candidates;
 mod config;
 mod footprint;
+mod front_end;
 mod journal;
 mod keyframe;
 mod map;

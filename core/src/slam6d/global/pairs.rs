@@ -8,8 +8,8 @@ use super::keyframe::Keyframe;
 use super::verification::Verification;
 use super::{GlobalConfig, PairKind, PairRecord, PairRejection, PairStart};
 use crate::geometry::{Covariance, Pose, log};
-use crate::registration::{Alignment, Limits, PreparedScan, Registration};
-use crate::slam6d::{AcceptanceConfig, SequentialConfig};
+use crate::registration::{AlignError, Alignment, Limits, PreparedScan, Registration};
+use crate::slam6d::{AcceptanceConfig, Rejection, SequentialConfig};
 
 /// Pairs are looked for at least this far at the start, however certain the prediction is [m].
 const LEAST_PAIR_DISTANCE_M: f64 = 0.75;
@@ -63,11 +63,27 @@ pub(super) struct Measuring<'a> {
     pub verification: &'a mut Verification,
     /// Says which way is up for the source.
     pub map_from_source: Pose,
+    /// Asked before every piece of work; `true` ends the measuring, which is begun anew later.
+    pub interrupted: &'a dyn Fn() -> bool,
+}
+
+/// Why there is no measurement.
+enum NoPair {
+    /// The pair was judged.
+    Rejected(PairRejection),
+    /// There was no time to.
+    Interrupted,
+}
+
+impl From<PairRejection> for NoPair {
+    fn from(rejection: PairRejection) -> Self {
+        Self::Rejected(rejection)
+    }
 }
 
 impl Measuring<'_> {
-    /// Tries a pair.
-    pub fn measure(&mut self, candidate: &Candidate) -> (PairRecord, Option<MeasuredPair>) {
+    /// Tries a pair; `None` when it was interrupted. What was prepared until then stays ready.
+    pub fn measure(&mut self, candidate: &Candidate) -> Option<(PairRecord, Option<MeasuredPair>)> {
         let mut record = PairRecord {
             kind: candidate.kind,
             target_id: self.scan_ids[candidate.target],
@@ -86,35 +102,28 @@ impl Measuring<'_> {
         };
         let result = match self.attempt(candidate, candidate.predicted, &mut record) {
             // Uncertainties are upper bounds: often the prediction is better than they say, and the search is spared.
-            Err(_) if candidate.needs_coarse => self.attempt_after_search(candidate, &mut record),
+            Err(NoPair::Rejected(_)) if candidate.needs_coarse => self.attempt_after_search(candidate, &mut record),
             result => result,
         };
         match result {
-            Ok(pair) => (record, Some(pair)),
-            Err(rejection) => {
+            Ok(pair) => Some((record, Some(pair))),
+            Err(NoPair::Rejected(rejection)) => {
                 record.rejected = Some(rejection);
-                (record, None)
+                Some((record, None))
             }
+            Err(NoPair::Interrupted) => None,
         }
     }
 
-    fn attempt_after_search(
-        &mut self,
-        candidate: &Candidate,
-        record: &mut PairRecord,
-    ) -> Result<MeasuredPair, PairRejection> {
+    fn attempt_after_search(&mut self, candidate: &Candidate, record: &mut PairRecord) -> Result<MeasuredPair, NoPair> {
+        self.go_on()?;
         let up = self.map_from_source.rotation.inverse() * nalgebra::Vector3::z();
         record.start = PairStart::Coarse;
         let start = self.verification.search(self.keyframes, candidate, up)?;
         self.attempt(candidate, start, record)
     }
 
-    fn attempt(
-        &mut self,
-        candidate: &Candidate,
-        start: Pose,
-        record: &mut PairRecord,
-    ) -> Result<MeasuredPair, PairRejection> {
+    fn attempt(&mut self, candidate: &Candidate, start: Pose, record: &mut PairRecord) -> Result<MeasuredPair, NoPair> {
         let (target, source) = (candidate.target, candidate.source);
         record.found = start;
         let alignment = self.register(candidate, &start)?;
@@ -128,7 +137,7 @@ impl Measuring<'_> {
             .map_err(PairRejection::Registration)?;
         let allowed = self.config.accept_sigmas;
         if record.sigmas > allowed {
-            return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed });
+            return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed }.into());
         }
         if candidate.kind == PairKind::Loop && self.config.verify_loops {
             self.verification.verify(self.keyframes, candidate, &alignment.target_from_source)?;
@@ -138,12 +147,23 @@ impl Measuring<'_> {
         Ok(MeasuredPair { target, source, target_from_source, covariance, closes_loop })
     }
 
-    fn register(&mut self, candidate: &Candidate, start: &Pose) -> Result<Alignment, PairRejection> {
+    /// Whether the next piece of work may begin.
+    fn go_on(&self) -> Result<(), NoPair> {
+        if (self.interrupted)() { Err(NoPair::Interrupted) } else { Ok(()) }
+    }
+
+    fn get(&mut self, node: usize) -> Result<Arc<dyn PreparedScan>, NoPair> {
+        self.go_on()?;
+        Ok(self.ready.get(node, &self.keyframes[node], &*self.registration)?)
+    }
+
+    fn register(&mut self, candidate: &Candidate, start: &Pose) -> Result<Alignment, NoPair> {
         let limits = self.limits(candidate);
-        let mut get = |node: usize| self.ready.get(node, &self.keyframes[node], &*self.registration);
-        let (source, target) = (get(candidate.source)?, get(candidate.target)?);
+        let (source, target) = (self.get(candidate.source)?, self.get(candidate.target)?);
+        self.go_on()?;
         let result = self.registration.align(&*target, &*source, start, &limits);
-        result.map_err(|e| PairRejection::Registration(crate::slam6d::Rejection::Failed { reason: e.to_string() }))
+        let failed = |e: AlignError| PairRejection::Registration(Rejection::Failed { reason: e.to_string() });
+        Ok(result.map_err(failed)?)
     }
 
     /// A certain prediction needs no far partners, which would only mislead.

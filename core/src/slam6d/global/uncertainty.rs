@@ -6,8 +6,7 @@
 
 use nalgebra::Matrix6;
 
-use crate::geometry::{Covariance, Pose};
-use crate::slam6d::sequential::adjoint;
+use crate::geometry::{Covariance, Pose, adjoint};
 
 /// The tree of the most certain pairs.
 #[derive(Debug, Default)]

@@ -2,9 +2,8 @@
 
 use thiserror::Error;
 
-use super::linearisation::adjoint;
 use super::{Edge, PoseGraph};
-use crate::geometry::{Covariance, Pose};
+use crate::geometry::{Covariance, Pose, adjoint};
 use nalgebra::Matrix6;
 
 /// A direction with this variance [m^2] or [rad^2] is not measured: rounding alone keeps it from being infinite.

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 use super::Edge;
-use crate::geometry::{Pose, Twist};
+use crate::geometry::{Pose, Twist, adjoint};
 
 /// The normal equations of one edge: its share of H and of the gradient.
 pub(in crate::slam6d) struct Terms {
@@ -58,16 +58,6 @@ impl Terms {
             chi2: 0.0,
         }
     }
-}
-
-/// The adjoint of a pose for twists with translation before rotation: T exp(x) T^-1 = exp(Ad(T) x).
-pub(super) fn adjoint(pose: &Pose) -> Matrix6<f64> {
-    let rotation = pose.rotation.to_rotation_matrix().into_inner();
-    let mut adjoint = Matrix6::zeros();
-    adjoint.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation);
-    adjoint.fixed_view_mut::<3, 3>(0, 3).copy_from(&(pose.translation.vector.cross_matrix() * rotation));
-    adjoint
 }
 
 /// [`crate::geometry::log`] without its matrix inversion.

@@ -163,7 +163,7 @@ fn the_relative_covariance_is_that_of_the_dense_inverse() {
     };
     for (a, b) in [(0, 29), (29, 0), (3, 17), (17, 3), (12, 13), (5, 5)] {
         let found = graph.relative_covariance(a, b).unwrap();
-        let carry = linearisation::adjoint(&(graph.poses()[b].inverse() * graph.poses()[a]));
+        let carry = crate::geometry::adjoint(&(graph.poses()[b].inverse() * graph.poses()[a]));
         let cross = carry * block(a, b);
         let expected = block(b, b) + carry * block(a, a) * carry.transpose() - cross - cross.transpose();
         assert!((found - expected).amax() < 1e-9 * (1e-6 + expected.amax()), "{a} {b}: {found} {expected}");
@@ -176,7 +176,7 @@ fn the_covariance_of_a_chain_is_the_sum_of_its_steps_before_and_after_optimisati
     let mut graph = graph(&survey);
     let sum = |graph: &PoseGraph, from: usize, to: usize| {
         let steps = graph.edges()[from..to].iter().map(|edge| {
-            let carry = linearisation::adjoint(&(graph.poses()[to].inverse() * graph.poses()[edge.to]));
+            let carry = crate::geometry::adjoint(&(graph.poses()[to].inverse() * graph.poses()[edge.to]));
             carry * edge.information.try_inverse().unwrap() * carry.transpose()
         });
         steps.sum::<Matrix6<f64>>()
@@ -186,7 +186,7 @@ fn the_covariance_of_a_chain_is_the_sum_of_its_steps_before_and_after_optimisati
             let (found, expected) = (graph.relative_covariance(a, b).unwrap(), sum(&graph, a, b));
             assert!((found - expected).amax() < 1e-9 * expected.amax(), "{found} {expected}");
             // Seen from the other end it is the same spread in the other's frame.
-            let carry = linearisation::adjoint(&(graph.poses()[a].inverse() * graph.poses()[b]));
+            let carry = crate::geometry::adjoint(&(graph.poses()[a].inverse() * graph.poses()[b]));
             let back = graph.relative_covariance(b, a).unwrap();
             let carried = carry * found * carry.transpose();
             assert!((back - carried).amax() < 1e-9 * carried.amax(), "{back} {carried}");

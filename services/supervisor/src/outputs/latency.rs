@@ -40,9 +40,10 @@ pub struct Stage {
 }
 
 /// The stages in the order of the data flow.
-pub const STAGES: [Stage; 6] = [
+pub const STAGES: [Stage; 7] = [
     Stage { name: "surface", of: |s| Some(s.scored?.surface_ns) },
     Stage { name: "alignment", of: |s| s.alignment.map(|a| a.prepare_ns.saturating_add(a.align_ns)) },
+    Stage { name: "scan_to_pose", of: |s| s.alignment?.header.sent_ns.checked_sub(s.scan.header.sent_ns) },
     Stage { name: "analysis", of: |s| Some(s.scored?.analysis_ns) },
     Stage { name: "map", of: |s| Some(s.first_plan?.map_ns) },
     Stage { name: "planning", of: |s| Some(s.first_plan?.planning_ns) },

@@ -6,6 +6,7 @@ use std::path::Path;
 
 use mirador_core::formats::{CloudWriter, OutPoint, PlyOptions, PlyWriter};
 use mirador_core::geometry::Pose;
+use mirador_core::odometry::MotionTable;
 use mirador_ipc_schema::messages::{Point, PointScore};
 use mirador_ipc_schema::topics;
 use mirador_recorder::RunReader;
@@ -37,8 +38,10 @@ pub fn write_model(reader: &mut RunReader, data: &RunData, path: &Path) -> Resul
         }
         out.clear();
         let is_aligned = record.is_aligned();
+        let motion = record.scan_motion();
         for (index, point) in points.iter().enumerate() {
-            let placed = OutPoint { scan, is_aligned, ..in_map(point, &pose, scores.get(index)) };
+            let place = at_end(point, motion.as_ref());
+            let placed = OutPoint { scan, is_aligned, ..in_map(point, place, &pose, scores.get(index)) };
             if placed.is_return() {
                 out.push(placed);
             }
@@ -48,8 +51,14 @@ pub fn write_model(reader: &mut RunReader, data: &RunData, path: &Path) -> Resul
     Ok(file.finish()?)
 }
 
-fn in_map(point: &Point, map_from_scanner: &Pose, score: Option<&PointScore>) -> OutPoint {
-    let position = map_from_scanner * Point3::new(f64::from(point.x), f64::from(point.y), f64::from(point.z));
+/// Where the end of the scan sees a point [m, scanner frame].
+fn at_end(point: &Point, motion: Option<&MotionTable>) -> [f32; 3] {
+    let place = [point.x, point.y, point.z];
+    motion.map_or(place, |motion| motion.end_from(f32::from(point.time) / 65535.0, place))
+}
+
+fn in_map(point: &Point, place: [f32; 3], map_from_scanner: &Pose, score: Option<&PointScore>) -> OutPoint {
+    let position = map_from_scanner * Point3::from(place).cast::<f64>();
     let valid = score.filter(|s| s.flags & 1 != 0);
     OutPoint {
         position: position.coords.into(),

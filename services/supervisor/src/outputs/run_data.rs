@@ -2,7 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use mirador_core::geometry::{Pose, pose_from_rows};
+use mirador_core::geometry::{Pose, Twist, pose_from_rows};
+use mirador_core::odometry::MotionTable;
 use mirador_ipc_schema::messages::{
     ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, CLOCK_ENDED, CLOCK_FAULT, CandidateView,
     MAP_TILE_SIDE, MapCell, MapTile, ScanId, ScanMeta, ScoredScanMeta, ViewPlanMeta, Waypoint,
@@ -48,6 +49,14 @@ impl ScanRecord {
     #[must_use]
     pub fn pose(&self) -> Option<Pose> {
         self.corrected.or_else(|| pose_from_rows(&self.alignment?.map_from_scanner))
+    }
+
+    /// The motion during the scan by which its points are deskewed; `None` where the scanner stood.
+    #[must_use]
+    pub fn scan_motion(&self) -> Option<MotionTable> {
+        let motion = self.alignment?.scan_motion;
+        let is_motion = motion.iter().all(|v| v.is_finite()) && motion.iter().any(|v| *v != 0.0);
+        is_motion.then(|| MotionTable::new(&Twist::from(motion)))
     }
 
     /// How the alignment ended, in a word.

@@ -75,6 +75,7 @@ fn the_latency_of_every_stage_is_in_the_summary() {
     let expected = [
         ("surface", 2.0, 3.0),
         ("alignment", 4.0, 5.0),
+        ("scan_to_pose", 5.0, 5.0),
         ("analysis", 2.0, 2.0),
         ("map", 5.0, 5.0),
         ("planning", 6.0, 6.0),
