@@ -76,7 +76,7 @@ impl Default for ScoreConfig {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ScoreConfigError {
     /// A value outside the range in which the formulas hold.
-    #[error("analysis.{field} = {value}: allowed is {allowed}")]
+    #[error("{field} = {value}: allowed is {allowed}")]
     OutOfRange {
         /// The field's name.
         field: &'static str,
@@ -139,7 +139,11 @@ mod tests {
     #[test]
     fn a_wrong_value_is_refused_by_name() {
         let config = ScoreConfig { theta_deg: 0.0, ..ScoreConfig::default() };
-        assert!(config.validate().unwrap_err().to_string().contains("analysis.theta_deg = 0: allowed is 1 to 60"));
+        assert!(config.validate().unwrap_err().to_string().contains("theta_deg = 0: allowed is 1 to 60"));
+        for theta_deg in [90.0, -5.0, f64::NAN, f64::INFINITY] {
+            let error = ScoreConfig { theta_deg, ..ScoreConfig::default() }.validate().unwrap_err();
+            assert!(error.to_string().starts_with("theta_deg = "), "{error}");
+        }
         let config = ScoreConfig { w_l: 0.9, w_g: 0.2, ..ScoreConfig::default() };
         assert!(config.validate().is_err());
         let config = ScoreConfig { scanner_height_m: Some(f64::NAN), ..ScoreConfig::default() };

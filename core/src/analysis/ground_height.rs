@@ -67,7 +67,7 @@ const POINTS_MIN: usize = 30;
 const AREA_CAP: f32 = 0.02;
 
 /// About so many points of the scan are looked at, evenly chosen.
-const SAMPLES: usize = 40_000;
+const SAMPLES: usize = 20_000;
 
 /// Points within this of the fitted plane refine it [m].
 const INLIER_MAX: f32 = 0.15;

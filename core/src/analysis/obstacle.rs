@@ -11,18 +11,20 @@ const REACH_MARGIN: f32 = 0.05;
 /// Whether a point `height_m` over the ground under the robot, at this horizontal distance, lies in the wedge the robot
 /// can reach: not below the steepest way down, and below the steepest way up or below the robot's own height. Metres.
 #[must_use]
+#[inline(always)]
 pub fn within_reach(height_m: f32, distance_m: f32, tan_theta: f32, robot_height_m: f32) -> bool {
     let climb = distance_m * tan_theta + REACH_MARGIN;
-    height_m >= -climb && height_m <= climb.max(robot_height_m)
+    (height_m >= -climb) & (height_m <= climb.max(robot_height_m))
 }
 
 /// B_l of a point within reach and below the robot's height. `horizontal` is |N_xy|, the horizontal part of the unit
 /// normal in the level frame, `incidence` is |v.n|; `height_factor` is H, which only the literal form asks for.
 #[must_use]
-pub fn obstacle_score(form: ObstacleForm, horizontal: f32, incidence: f32, height_factor: impl FnOnce() -> f32) -> f32 {
+#[inline(always)]
+pub fn obstacle_score(form: ObstacleForm, horizontal: f32, incidence: f32, height_factor: f32) -> f32 {
     match form {
         ObstacleForm::Calibrated => horizontal * (incidence / INCIDENCE_FULL).min(1.0),
-        ObstacleForm::Literal => horizontal * height_factor() * incidence,
+        ObstacleForm::Literal => horizontal * height_factor * incidence,
     }
 }
 
@@ -35,13 +37,13 @@ mod tests {
         #[test]
         fn a_wall_is_an_obstacle_at_every_incidence_up_to_84_deg(incidence_deg in 0.0..84.0f32) {
             let incidence = incidence_deg.to_radians().cos();
-            prop_assert!(obstacle_score(ObstacleForm::Calibrated, 1.0, incidence, || 1.0) > 0.99);
+            prop_assert!(obstacle_score(ObstacleForm::Calibrated, 1.0, incidence, 1.0) > 0.99);
         }
 
         #[test]
         fn flat_ground_is_none_however_it_is_seen(incidence in 0.0..1.0f32) {
             for form in [ObstacleForm::Calibrated, ObstacleForm::Literal] {
-                prop_assert!(obstacle_score(form, 0.01, incidence, || 1.0) <= 0.01);
+                prop_assert!(obstacle_score(form, 0.01, incidence, 1.0) <= 0.01);
             }
         }
 
@@ -54,7 +56,7 @@ mod tests {
 
     #[test]
     fn the_literal_form_misses_a_wall_seen_at_45_deg() {
-        assert!(obstacle_score(ObstacleForm::Literal, 1.0, 0.7, || 1.0) < 0.83);
+        assert!(obstacle_score(ObstacleForm::Literal, 1.0, 0.7, 1.0) < 0.83);
     }
 
     #[test]

@@ -59,6 +59,7 @@ impl PointScore {
 
     /// A score in [0, 1] as stored.
     #[must_use]
+    #[inline]
     pub fn quantise(score: f32) -> u16 {
         (score.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16
     }
@@ -70,8 +71,11 @@ impl PointScore {
     }
 
     /// Stores a unit normal of the scanner's frame.
+    #[inline]
     pub fn set_normal(&mut self, normal: &Vector3<f32>) {
-        self.normal_xy = [(normal.x * 32767.0).round() as i16, (normal.y * 32767.0).round() as i16];
+        // To the nearest: half away from zero, then the whole part. (`round` is a call without SSE 4.)
+        let nearest = |v: f32| (v * 32767.0 + 0.5f32.copysign(v)) as i16;
+        self.normal_xy = [nearest(normal.x), nearest(normal.y)];
         self.flags &= !Self::NORMAL_Z_NEGATIVE;
         if normal.z < 0.0 {
             self.flags |= Self::NORMAL_Z_NEGATIVE;

@@ -131,6 +131,73 @@ fn a_tilted_scan_is_scored_in_the_level_frame() {
 }
 
 #[test]
+fn a_scanner_that_leans_by_45_deg_or_hangs_upside_down_sees_the_same_ground_once_levelled() {
+    for angle in [45f64, 180.0] {
+        let tilt = UnitQuaternion::from_euler_angles(angle.to_radians(), 0.0, 0.0);
+        let down = tilt.inverse() * Vector3::z();
+        let scan = turning(&[Shape::Plane { normal: down, offset: -1.0 }], 1.0, 80.0, 0.0, 28);
+        let mut builder = SurfaceBuilder::new();
+        let surface = builder.build(scan.view(), &SurfaceConfig::default()).unwrap();
+        let config = ScoreConfig::default();
+        let ground = GroundHeight::resolve(&config, scan.view(), surface, &tilt);
+        assert!(ground.origin == GroundHeightOrigin::Estimated && (ground.scanner_height_m - 1.0).abs() < 0.02);
+        let mut out = vec![PointScore::NONE; scan.points.len()];
+        Scorer::new().score(scan.view(), surface, &tilt, ground, &config, &mut out).unwrap();
+        let [f, b, over_f, over_b] = means(&scan, &out, |p| p.vector().norm() < 8.0);
+        assert!(f > 0.95 && b < 0.05 && over_f > 0.99 && over_b == 0.0, "{angle} deg: {f} {b} {over_f} {over_b}");
+    }
+}
+
+#[test]
+fn a_scan_upside_down_whose_alignment_does_not_know_is_nowhere_navigable() {
+    let ceiling = Shape::Plane { normal: Vector3::z(), offset: 1.0 };
+    let scan = turning(&[ceiling], 1.0, 80.0, 0.0, 29);
+    let mut builder = SurfaceBuilder::new();
+    let surface = builder.build(scan.view(), &SurfaceConfig::default()).unwrap();
+    let (config, level) = (ScoreConfig::default(), UnitQuaternion::identity());
+    let ground = GroundHeight::resolve(&config, scan.view(), surface, &level);
+    assert_eq!(ground.origin, GroundHeightOrigin::Assumed);
+    let mut out = vec![PointScore::NONE; scan.points.len()];
+    let summary = Scorer::new().score(scan.view(), surface, &level, ground, &config, &mut out).unwrap();
+    assert!(summary.valid > 1000);
+    assert!(out.iter().all(|s| PointScore::dequantise(s.navigable) < 0.01 && s.obstacle < 6554));
+}
+
+#[test]
+fn a_scan_without_returns_has_no_scores() {
+    let points = vec![Point::EMPTY; 60 * 40];
+    for scan in [ScanView::ordered(&points, Grid { rows: 60, cols: 40 }).unwrap(), ScanView::unordered(&points)] {
+        let (out, summary) = score_with(scan, at_height(1.0), &ScoreConfig { threads: 2, ..ScoreConfig::default() });
+        assert!(out.iter().all(|s| *s == PointScore::NONE));
+        assert_eq!((summary.valid, summary.reachable, summary.mean_quality), (0, 0, 0.0));
+    }
+}
+
+#[test]
+fn neighbours_count_alike_in_the_middle_of_a_grid_and_at_its_edges() {
+    let scan = turning(&[ground(1.0), Shape::Plane { normal: Vector3::x(), offset: 6.0 }], 1.0, 30.0, 0.01, 30);
+    let mut builder = SurfaceBuilder::new();
+    let surface = builder.build(scan.view(), &SurfaceConfig::default()).unwrap();
+    let (config, level) = (ScoreConfig::default(), UnitQuaternion::identity());
+    let mut out = vec![PointScore::NONE; scan.points.len()];
+    let mut scorer = Scorer::new();
+    scorer.score(scan.view(), surface, &level, at_height(1.0), &config, &mut out).unwrap();
+    // Each record by the formula, neighbour by neighbour.
+    let local = &scorer.local;
+    for (index, record) in out.iter().enumerate().filter(|(_, r)| r.is_reachable()) {
+        let (mut f, mut b, mut count) = (0.0, 0.0, 0.0f32);
+        surface.for_each_neighbour(index, |n| {
+            f += local.navigable[n];
+            b += local.obstacle[n];
+            count += 1.0;
+        });
+        let share = 1.0 / count.max(1.0);
+        assert_eq!(record.navigable, PointScore::quantise(0.66 * local.navigable[index] + 0.33 * (f * share)));
+        assert_eq!(record.obstacle, PointScore::quantise(0.55 * local.obstacle[index] + 0.45 * (b * share)));
+    }
+}
+
+#[test]
 fn quality_falls_below_one_half_at_four_metres_of_ground() {
     let scan = turning(&[ground(1.0)], 0.5, 0.0, 0.0, 27);
     let scores = score(&scan);

@@ -1,7 +1,5 @@
 //! The triangles that span two surfaces, with their adjacency: where occluded planes are found (spec section 2, step 4).
 
-use super::legs::Sample;
-use super::mesh::{TRIANGLE_CORNERS, facing_area};
 use super::topology::Topology;
 
 /// A triangle whose legs do not follow one surface.
@@ -22,6 +20,14 @@ impl DiscardedTriangle {
     pub const NONE: u32 = u32::MAX;
 }
 
+/// A discarded triangle and where it was found: in the quad of which cell, and which corner it leaves out.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Found {
+    pub(super) cell: u32,
+    pub(super) without: u32,
+    pub(super) triangle: DiscardedTriangle,
+}
+
 /// The sides of a quad.
 #[derive(Clone, Copy)]
 enum Side {
@@ -38,42 +44,28 @@ const TRIANGLE_SIDES: [[Side; 2]; 4] =
 /// The corner whose triangle lies across the diagonal.
 const ACROSS: [u32; 4] = [3, 2, 1, 0];
 
-/// Lists the discarded triangles of the grid. `first_of_cell` is scratch space, one entry a cell: the index of the
-/// cell's first discarded triangle, meaningful only where there is one.
-pub(super) fn list(
-    samples: &[Sample],
+/// Lists the triangles found, which come in the order of their cells, and links those that share an edge. `triangles`
+/// are the triangle bits of every cell; `first_of_cell` is scratch space, one entry a cell: the index of the cell's first
+/// discarded triangle, meaningful only where there is one.
+pub(super) fn list<'a>(
+    found: impl Iterator<Item = &'a Found> + Clone,
     triangles: &[u8],
     topology: &Topology,
     first_of_cell: &mut [u32],
     out: &mut Vec<DiscardedTriangle>,
 ) {
     out.clear();
-    for (cell, bits) in triangles.iter().enumerate() {
-        let discarded = bits >> 4;
-        if discarded == 0 {
-            continue;
+    let mut last = u32::MAX;
+    for found in found.clone() {
+        if found.cell != last {
+            first_of_cell[found.cell as usize] = out.len() as u32;
+            last = found.cell;
         }
-        let Some(quad) = topology.quad(cell) else { continue };
-        first_of_cell[cell] = out.len() as u32;
-        for (without, corners) in TRIANGLE_CORNERS.iter().enumerate() {
-            if discarded & (1 << without) != 0 {
-                let cells = corners.map(|k| quad[k]);
-                let [x, y, z, area] = facing_area(cells.map(|c| &samples[c]));
-                let corners = cells.map(|c| c as u32);
-                let neighbours = [DiscardedTriangle::NONE; 3];
-                out.push(DiscardedTriangle { corners, neighbours, area_vector: [x, y, z], area });
-            }
-        }
+        out.push(found.triangle);
     }
     let index = Index { triangles, first_of_cell, topology };
-    for (cell, bits) in triangles.iter().enumerate() {
-        let discarded = bits >> 4;
-        for without in (0..4u32).filter(|k| discarded & (1 << k) != 0) {
-            let neighbours = index.neighbours(cell, without);
-            if let Some(triangle) = index.find(cell, &[without]).and_then(|at| out.get_mut(at as usize)) {
-                triangle.neighbours = neighbours;
-            }
-        }
+    for (found, triangle) in found.zip(out) {
+        triangle.neighbours = index.neighbours(found.cell as usize, found.without);
     }
 }
 
@@ -85,7 +77,7 @@ struct Index<'a> {
 }
 
 impl Index<'_> {
-    /// The cell's discarded triangle that leaves out one of these corners.
+    /// The place in the list of the first discarded triangle that leaves out one of these corners.
     fn find(&self, cell: usize, without: &[u32]) -> Option<u32> {
         let discarded = u32::from(self.triangles[cell] >> 4);
         let found = without.iter().find(|k| discarded & (1 << *k) != 0)?;

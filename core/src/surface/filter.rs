@@ -2,88 +2,92 @@
 //! over pairs that lie symmetrically about a point takes noise out and leaves slanted ground where it is.
 
 use super::config::SurfaceConfig;
+use super::lines::LANES;
 
 /// The filter's limits in single precision.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Smoother {
     radius: f32,
-    cells_max: usize,
+    cells_max: f32,
     residual_max: f32,
     jump: f32,
     jump_share: f32,
 }
 
 impl Smoother {
-    pub(super) fn new(config: &SurfaceConfig) -> Self {
+    /// The filter of a config, with at most `cells_max` cells to each side.
+    pub(super) fn new(config: &SurfaceConfig, cells_max: usize) -> Self {
         Self {
             radius: config.filter_radius_m as f32,
-            cells_max: config.filter_cells_max,
+            cells_max: cells_max as f32,
             residual_max: config.filter_residual_max_m as f32,
             jump: config.filter_jump_m as f32,
             jump_share: config.filter_jump_share as f32,
         }
     }
 
-    /// The filtered inverse range at position `at` of a line of inverse ranges `q` (zero where there is no return):
-    /// cell k of the line has index `base + k * stride`. `step` is the angle to the next ray along the line [rad].
-    pub(super) fn smooth(&self, q: &[f32], line: Line, at: usize, step: f32) -> f32 {
-        let here = q[line.base + at * line.stride];
-        let width = self.half_width(here, step).min(line.reach(at));
-        if width == 0 {
+    /// The filtered inverse ranges of eight cells. `here` are theirs (zero where there is no return), `chord2` the squares
+    /// of the chords to the next rays along the line, and `pair(k)` gives the inverse ranges k cells ahead and behind,
+    /// zero beyond the line's ends.
+    #[inline(always)]
+    pub(super) fn smooth(
+        &self,
+        here: [f32; LANES],
+        chord2: [f32; LANES],
+        pair: impl Fn(usize) -> ([f32; LANES], [f32; LANES]),
+    ) -> [f32; LANES] {
+        let width = self.half_widths(&here, &chord2);
+        let widest = width.iter().fold(0.0f32, |most, w| most.max(*w)) as usize;
+        if widest == 0 {
             return here;
         }
-        let range = 1.0 / here;
-        // The mean of a pair must lie within residual_max of the range; asked of the inverses, without a division.
-        let least = 1.0 / (range + self.residual_max);
-        let most = if range > self.residual_max { 1.0 / (range - self.residual_max) } else { f32::INFINITY };
-        let jump = self.jump.max(self.jump_share * range);
-        let (mut sum, mut pairs) = (0.0, 0.0);
-        for offset in 1..=width {
-            let (plus, minus) = line.pair(q, at, offset);
-            let mean = 0.5 * (plus + minus);
-            // A missing return has q = 0 and fails the last test. No short circuits: the tests are cheaper than jumps.
-            let fits = (mean > least) & (mean < most) & ((plus - minus).abs() < jump * plus * minus);
-            sum += if fits { mean } else { 0.0 };
-            pairs += if fits { 1.0 } else { 0.0 };
+        let (mut least, mut most, mut jump) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        for k in 0..LANES {
+            let range = 1.0 / here[k];
+            // The mean of a pair must lie within residual_max of the range; asked of the inverses, without a division.
+            least[k] = 1.0 / (range + self.residual_max);
+            let far = 1.0 / (range - self.residual_max);
+            most[k] = if range > self.residual_max { far } else { f32::INFINITY };
+            jump[k] = self.jump.max(self.jump_share * range);
         }
-        (here + 2.0 * sum) / (1.0 + 2.0 * pairs)
-    }
-
-    /// How many cells to each side lie within the radius on the surface.
-    fn half_width(&self, here: f32, step: f32) -> usize {
-        if here <= 0.0 || step <= 0.0 {
-            return 0;
+        let (mut sum, mut pairs) = ([0.0f32; LANES], [0.0f32; LANES]);
+        for offset in 1..=widest {
+            let (plus, minus) = pair(offset);
+            let reach = offset as f32;
+            for k in 0..LANES {
+                let mean = 0.5 * (plus[k] + minus[k]);
+                // A missing return has q = 0 and fails the last test. No short circuits: the tests are cheaper than jumps.
+                let fits = (reach <= width[k])
+                    & (mean > least[k])
+                    & (mean < most[k])
+                    & ((plus[k] - minus[k]).abs() < jump[k] * plus[k] * minus[k]);
+                sum[k] += if fits { mean } else { 0.0 };
+                pairs[k] += if fits { 1.0 } else { 0.0 };
+            }
         }
-        let cells = self.radius * here / step + 0.5;
-        if cells < self.cells_max as f32 { cells as usize } else { self.cells_max }
-    }
-}
-
-/// One line of the grid within a flat array.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Line {
-    pub(super) base: usize,
-    pub(super) stride: usize,
-    pub(super) len: usize,
-    pub(super) wraps: bool,
-}
-
-impl Line {
-    /// The largest offset for which both cells of the pair exist.
-    fn reach(&self, at: usize) -> usize {
-        if self.wraps { (self.len - 1) / 2 } else { at.min(self.len - 1 - at) }
+        let mut smoothed = [0.0; LANES];
+        for k in 0..LANES {
+            smoothed[k] = (here[k] + 2.0 * sum[k]) / (1.0 + 2.0 * pairs[k]);
+        }
+        smoothed
     }
 
-    /// The values `offset` cells ahead and behind.
-    fn pair(&self, q: &[f32], at: usize, offset: usize) -> (f32, f32) {
-        let ahead = if at + offset < self.len { at + offset } else { at + offset - self.len };
-        let behind = if at >= offset { at - offset } else { at + self.len - offset };
-        (q[self.base + ahead * self.stride], q[self.base + behind * self.stride])
+    /// How many cells to each side lie within the radius on the surface (the whole part counts); 0 without a return or a
+    /// neighbour.
+    #[inline(always)]
+    fn half_widths(&self, here: &[f32; LANES], chord2: &[f32; LANES]) -> [f32; LANES] {
+        let mut widths = [0.0; LANES];
+        for k in 0..LANES {
+            let cells = (self.radius * here[k] / chord2[k].sqrt() + 0.5).min(self.cells_max);
+            widths[k] = if (here[k] > 0.0) & (chord2[k] > 0.0) { cells } else { 0.0 };
+        }
+        widths
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::lines::{LineShape, Lines, lanes};
     use super::*;
 
     const STEP: f32 = 0.00873;
@@ -94,9 +98,16 @@ mod tests {
     }
 
     fn smooth_all(q: &[f32], wraps: bool) -> Vec<f32> {
-        let line = Line { base: 0, stride: 1, len: q.len(), wraps };
-        let smoother = Smoother::new(&SurfaceConfig::default());
-        (0..q.len()).map(|at| smoother.smooth(q, line, at, STEP)).collect()
+        let mut lines = Lines::default();
+        lines.reset(LineShape::new(q.len(), 8, wraps), 1);
+        lines.cells_mut(0).copy_from_slice(q);
+        lines.close(0);
+        let smoother = Smoother::new(&SurfaceConfig::default(), 8);
+        let groups = (0..q.len()).step_by(LANES).flat_map(|col| {
+            let at = |shift: isize| lanes(lines.from(0, col, 8), (8 + shift) as usize);
+            smoother.smooth(at(0), [STEP * STEP; LANES], |k| (at(k as isize), at(-(k as isize))))
+        });
+        groups.take(q.len()).collect()
     }
 
     #[test]

@@ -1,251 +1,280 @@
-//! Triangles from honest legs, and the normals and areas they give to their points (3.12, 3.13).
+//! Triangles from honest legs, and the normals and areas they give to their points (3.12, 3.13); eight quads at a time.
 
-use super::legs::{COL_HONEST, COL_THERE, ROW_HONEST, ROW_THERE, Sample};
+use super::legs::Sample;
+use super::lines::{LANES, Lines};
 use super::quality::QualityScale;
-use super::topology::Topology;
 use super::view::SurfacePoint;
-use crate::threads::for_blocks2;
 
 /// The corners of the triangle that leaves out corner k, in the quad a, b (right), c (below), d.
 pub(super) const TRIANGLE_CORNERS: [[usize; 3]; 4] = [[1, 3, 2], [0, 3, 2], [0, 1, 3], [0, 1, 2]];
 
-/// For each corner a quad's cell can be (a to d) and each set of kept triangles: the bits of `links` that follow.
-pub(super) const CORNER_LINKS: [[u8; 16]; 4] = corner_links();
-
-const fn corner_links() -> [[u8; 16]; 4] {
-    // The bit of `links` under which corner `from` knows corner `to`.
-    const BIT: [[u8; 4]; 4] = [
-        [0, 1 << 0, 1 << 2, 1 << 1],
-        [1 << 4, 0, 1 << 3, 1 << 2],
-        [1 << 6, 1 << 7, 0, 1 << 0],
-        [1 << 5, 1 << 6, 1 << 4, 0],
-    ];
-    let mut links = [[0u8; 16]; 4];
-    let mut from = 0;
-    while from < 4 {
-        let mut kept = 0;
-        while kept < 16 {
-            let mut without = 0;
-            while without < 4 {
-                if kept & (1 << without) != 0 && without != from {
-                    let mut to = 0;
-                    while to < 4 {
-                        if to != without {
-                            links[from][kept] |= BIT[from][to];
-                        }
-                        to += 1;
-                    }
-                }
-                without += 1;
-            }
-            kept += 1;
-        }
-        from += 1;
-    }
-    links
-}
-
-/// How a quad with certain legs is cut: the triangles along either diagonal, kept ones in the low four bits, discarded
-/// ones in the high four, and which diagonal keeps more.
-#[derive(Clone, Copy)]
-struct Cut {
-    along_bc: u8,
-    along_ad: u8,
-    /// Positive when b-c keeps more, negative when a-d does, zero when the shorter one decides.
-    preference: i8,
-}
-
-/// The cuts by the quad's legs: bits 0 to 3 tell which of ab, ac, bd, cd are there, bits 4 to 7 which are honest.
-const CUTS: [Cut; 256] = cuts();
-
-/// A triangle needs both its legs (spec section 2, step 3): with one that spans two surfaces it is discarded, with one
-/// that is not there it does not exist.
-const fn cuts() -> [Cut; 256] {
-    /// The legs of the triangle that leaves out corner k.
-    const LEGS: [u8; 4] = [0b1100, 0b1010, 0b0101, 0b0011];
-    let mut cuts = [Cut { along_bc: 0, along_ad: 0, preference: 0 }; 256];
-    let mut legs = 0;
-    while legs < 256 {
-        let (there, honest) = (legs as u8 & 0x0f, legs as u8 >> 4);
-        let (mut triangles, mut worth) = ([0u8; 4], [0i8; 4]);
-        let mut without = 0;
-        while without < 4 {
-            let wanted = LEGS[without];
-            if there & wanted == wanted {
-                let is_kept = honest & wanted == wanted;
-                triangles[without] = 1 << if is_kept { without } else { without + 4 };
-                worth[without] = if is_kept { 5 } else { 1 };
-            }
-            without += 1;
-        }
-        cuts[legs] = Cut {
-            along_bc: triangles[0] | triangles[3],
-            along_ad: triangles[1] | triangles[2],
-            preference: worth[0] + worth[3] - worth[1] - worth[2],
-        };
-        legs += 1;
-    }
-    cuts
-}
-
 /// Normal times area in the first three places, area in the last [m^2].
-type AreaSum = [f32; 4];
+pub(super) type AreaSum = [f32; 4];
 
-fn plus(a: AreaSum, b: AreaSum) -> AreaSum {
-    [a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]]
+/// Of eight values each: normal times area in the first three places, area in the last [m^2].
+type AreaLanes = [[f32; LANES]; 4];
+
+/// What the triangles of one line of quads, and of the line above, give to the points between.
+#[derive(Debug, Default)]
+pub(super) struct QuadSums {
+    /// The triangle of each quad at its upper side, zero where it is not kept.
+    upper: [Lines<f32>; 4],
+    /// The triangle at its lower side.
+    lower: [Lines<f32>; 4],
+    /// 1 where the quad is cut along b-c, 0 where along a-d.
+    along_bc: Lines<f32>,
+    /// What the quads above the next line of points have given to it.
+    pending: [Lines<f32>; 4],
+    /// Whether any of the eight quads from a column on has a triangle, in this line and the one above; the first entry
+    /// stands for the eight before the first column.
+    is_active: Vec<bool>,
+    was_active: Vec<bool>,
 }
 
-fn only_if(condition: bool, a: AreaSum) -> AreaSum {
-    if condition { a } else { [0.0; 4] }
+/// The corners of eight quads: x, y, z of each.
+pub(super) struct QuadCorners {
+    pub(super) a: [[f32; LANES]; 3],
+    pub(super) b: [[f32; LANES]; 3],
+    pub(super) c: [[f32; LANES]; 3],
+    pub(super) d: [[f32; LANES]; 3],
 }
 
-/// Adds to the sums of a point that are gathered in its normal and area until its row is finished.
-fn add(point: &mut SurfacePoint, sum: AreaSum) {
-    point.normal[0] += sum[0];
-    point.normal[1] += sum[1];
-    point.normal[2] += sum[2];
-    point.area += sum[3];
+/// The bits ([`THERE`](super::legs::THERE), [`HONEST`](super::legs::HONEST)) of the legs of eight quads.
+pub(super) struct QuadLegs {
+    pub(super) ab: [u8; LANES],
+    pub(super) ac: [u8; LANES],
+    pub(super) bd: [u8; LANES],
+    pub(super) cd: [u8; LANES],
 }
 
-/// What the triangles of one quad give to its corners.
-#[derive(Clone, Copy, Default)]
-struct CornerSums {
-    a: AreaSum,
-    b: AreaSum,
-    c: AreaSum,
-    d: AreaSum,
+/// The triangles of a quad with these legs: there in the low four bits, kept in the high four; bit k leaves out corner
+/// k. A triangle needs both its legs (spec section 2, step 3): with one that spans two surfaces it is discarded, with
+/// one that is not there it does not exist.
+#[inline(always)]
+fn triangles_of(ab: u8, ac: u8, bd: u8, cd: u8) -> u8 {
+    both(bd, cd) | both(ac, cd) << 1 | both(ab, bd) << 2 | both(ab, ac) << 3
 }
 
-/// The rows of a block that a row of quads adds to; either may belong to another block.
-struct OwnRows<'a> {
-    upper: Option<&'a mut [SurfacePoint]>,
-    lower: Option<&'a mut [SurfacePoint]>,
+/// Bit 0 of a leg tells whether it is there, bit 1 whether it is honest: bits 0 and 4 of what is returned.
+#[inline(always)]
+fn both(first: u8, second: u8) -> u8 {
+    let legs = first & second;
+    (legs & 1) | (legs & 2) << 3
 }
 
-impl OwnRows<'_> {
-    fn add(&mut self, col: usize, upper: AreaSum, lower: AreaSum) {
-        if let Some(point) = self.upper.as_mut().and_then(|row| row.get_mut(col)) {
-            add(point, upper);
-        }
-        if let Some(point) = self.lower.as_mut().and_then(|row| row.get_mut(col)) {
-            add(point, lower);
+/// How much of a quad is kept along b-c more than along a-d: positive, negative, or zero where the shorter diagonal
+/// decides. A kept triangle is worth five times a discarded one.
+#[inline(always)]
+fn preference(triangles: u8) -> i32 {
+    worth(triangles, 0) + worth(triangles, 3) - worth(triangles, 1) - worth(triangles, 2)
+}
+
+#[inline(always)]
+fn worth(triangles: u8, without: u32) -> i32 {
+    i32::from(triangles >> without & 1) + 4 * i32::from(triangles >> (without + 4) & 1)
+}
+
+/// The triangles along one diagonal: kept ones in the low four bits, discarded ones in the high four.
+#[inline(always)]
+fn cut(triangles: u8, along_bc: bool) -> u8 {
+    let (there, kept) = (triangles & 0x0f, triangles >> 4);
+    let chosen = if along_bc { 0b1001 } else { 0b0110 };
+    (kept & chosen) | ((there & !kept & chosen) << 4)
+}
+
+impl QuadSums {
+    /// Empties all for lines of this shape.
+    pub(super) fn reset(&mut self, shape: super::lines::LineShape) {
+        let all = self.upper.iter_mut().chain(&mut self.lower).chain(&mut self.pending);
+        all.chain([&mut self.along_bc]).for_each(|lines| lines.reset(shape, 1));
+        let groups = shape.cols.div_ceil(LANES) + 1;
+        for flags in [&mut self.is_active, &mut self.was_active] {
+            flags.clear();
+            flags.resize(groups, false);
         }
     }
-}
 
-/// The scan's samples and their legs, ready to be meshed.
-pub(super) struct Mesh<'a> {
-    pub(super) samples: &'a [Sample],
-    pub(super) legs: &'a [u8],
-    pub(super) topology: Topology,
-    pub(super) quality: QualityScale,
-}
-
-impl Mesh<'_> {
-    /// Fills geometry and triangle bits of every cell. Per point the triangles add up in the order of the quads above
-    /// it, then beside it, so that blocks of rows give the same bits as the whole.
-    pub(super) fn build(&self, points: &mut [SurfacePoint], triangles: &mut [u8], threads: usize) {
-        let cols = self.topology.grid.cols;
-        for_blocks2(points, triangles, cols, threads, |first_row, points, triangles| {
-            points.fill(SurfacePoint::default());
-            triangles.fill(0);
-            // The quads above the block also touch its first row.
-            if let Some(above) = self.topology.row_before(first_row) {
-                self.quad_row(above, OwnRows { upper: None, lower: points.get_mut(..cols) }, &mut []);
-            }
-            let rows = points.chunks(cols).len();
-            for (offset, bits) in triangles.chunks_mut(cols).enumerate() {
-                let (upper, below) = points[offset * cols..].split_at_mut(cols);
-                let lower = if offset + 1 < rows { below.get_mut(..cols) } else { None };
-                self.quad_row(first_row + offset, OwnRows { upper: Some(&mut *upper), lower }, bits);
-                self.finish_row((first_row + offset) * cols, upper);
-            }
-        });
+    /// Says that the eight quads from `col` on have no triangles.
+    #[inline(always)]
+    pub(super) fn skip(&mut self, col: usize) {
+        self.is_active[col / LANES + 1] = false;
+        for part in 0..4 {
+            self.upper[part].put(0, col, [0.0; LANES]);
+            self.lower[part].put(0, col, [0.0; LANES]);
+        }
     }
 
-    /// Meshes the quads between `row` and the next one; `bits`, unless empty, takes the triangles of each column's quad.
-    fn quad_row(&self, row: usize, mut own: OwnRows<'_>, bits: &mut [u8]) {
-        let cols = self.topology.grid.cols;
-        let Some(below) = self.topology.row_after(row) else { return };
-        let line = |r: usize| (&self.samples[r * cols..(r + 1) * cols], &self.legs[r * cols..(r + 1) * cols]);
-        let ((upper, upper_legs), (lower, lower_legs)) = (line(row), line(below));
-        // A quad's right corners are the next one's left corners: what they get is carried along.
-        let (mut carry_upper, mut carry_lower) = ([0.0; 4], [0.0; 4]);
-        let quads = if self.topology.wraps_cols { cols } else { cols - 1 };
-        for col in 0..quads {
-            let right = if col + 1 < cols { col + 1 } else { 0 };
-            let legs = quad_legs(upper_legs[col], upper_legs[right], lower_legs[col]);
-            if legs == 0 {
-                own.add(col, carry_upper, carry_lower);
-                (carry_upper, carry_lower) = ([0.0; 4], [0.0; 4]);
+    /// Cuts the eight quads from `col` on, each along the diagonal that keeps most of it, the shorter one when both keep
+    /// the same, and returns their triangle bits. Noise makes the choice as good as random, so it is made without jumps.
+    #[inline(always)]
+    pub(super) fn cut(&mut self, col: usize, corners: &QuadCorners, legs: &QuadLegs) -> [u8; LANES] {
+        let (QuadCorners { a, b, c, d }, mut bits) = (corners, [0; LANES]);
+        let (mut bc, mut upper_kept, mut lower_kept) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+        let (mut third, mut first) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+        for k in 0..LANES {
+            let bc2 = distance2(b, c, k);
+            let ad2 = distance2(a, d, k);
+            let triangles = triangles_of(legs.ab[k], legs.ac[k], legs.bd[k], legs.cd[k]);
+            let preference = preference(triangles);
+            let is_bc = (preference > 0) | ((preference == 0) & (bc2 <= ad2));
+            bits[k] = cut(triangles, is_bc);
+            bc[k] = if is_bc { 1.0 } else { 0.0 };
+            // Along b-c: a b c (without d) and b d c (without a). Along a-d: a b d (without c) and a d c (without b).
+            upper_kept[k] = if bits[k] & 0b1100 != 0 { 1.0 } else { 0.0 };
+            lower_kept[k] = if bits[k] & 0b0011 != 0 { 1.0 } else { 0.0 };
+        }
+        for axis in 0..3 {
+            for k in 0..LANES {
+                third[axis][k] = if bc[k] > 0.0 { c[axis][k] } else { d[axis][k] };
+                first[axis][k] = if bc[k] > 0.0 { b[axis][k] } else { a[axis][k] };
+            }
+        }
+        self.is_active[col / LANES + 1] = true;
+        self.along_bc.put(0, col, bc);
+        store(&mut self.upper, col, &facing_areas(a, b, &third), &upper_kept);
+        store(&mut self.lower, col, &facing_areas(&first, d, c), &lower_kept);
+        bits
+    }
+
+    /// Ends a line of quads: what it and the line above give to the points between goes through `finish`, eight points
+    /// from a column on at a time; `None` where there is nothing. What it gives to the next line is kept.
+    #[inline(always)]
+    pub(super) fn gather(&mut self, cols: usize, is_closed: bool, mut finish: impl FnMut(usize, Option<&AreaLanes>)) {
+        for part in 0..4 {
+            self.upper[part].close(0);
+            self.lower[part].close(0);
+        }
+        self.along_bc.close(0);
+        let last = self.is_active.len() - 1;
+        // The cell before the first one, where lines are closed, is one of the last nine.
+        self.is_active[0] = is_closed && (self.is_active[last] || self.is_active[last.saturating_sub(1)]);
+        let [u0, u1, u2, u3] = &self.upper;
+        let [l0, l1, l2, l3] = &self.lower;
+        let all_upper = [u0.at(0), u1.at(0), u2.at(0), u3.at(0)];
+        let all_lower = [l0.at(0), l1.at(0), l2.at(0), l3.at(0)];
+        let along_bc = self.along_bc.at(0);
+        for col in (0..cols).step_by(LANES) {
+            let group = col / LANES;
+            let is_active = self.is_active[group] | self.is_active[group + 1];
+            if !is_active && !self.was_active[group + 1] {
+                finish(col, None);
                 continue;
             }
-            let (cut, sums) = mesh_quad(legs, [&upper[col], &upper[right], &lower[col], &lower[right]]);
-            if let Some(bits) = bits.get_mut(col) {
-                *bits = cut;
+            let (mut sums, mut next) = ([[0.0; LANES]; 4], [[0.0; LANES]; 4]);
+            let (bc, bc_left) = (along_bc.eight(col), along_bc.eight_before(col));
+            for part in 0..4 {
+                // Corner a of the quad to the right and b of the one to the left; then c and d.
+                let (upper, lower) = (all_upper[part].eight(col), all_lower[part].eight(col));
+                let left_upper = all_upper[part].eight_before(col);
+                let left_lower = all_lower[part].eight_before(col);
+                let pending = self.pending[part].eight(0, col);
+                for k in 0..LANES {
+                    let a = upper[k] + if bc[k] > 0.0 { 0.0 } else { lower[k] };
+                    let b = left_upper[k] + if bc_left[k] > 0.0 { left_lower[k] } else { 0.0 };
+                    let c = lower[k] + if bc[k] > 0.0 { upper[k] } else { 0.0 };
+                    let d = left_lower[k] + if bc_left[k] > 0.0 { 0.0 } else { left_upper[k] };
+                    sums[part][k] = pending[k] + (a + b);
+                    next[part][k] = c + d;
+                }
+                self.pending[part].put(0, col, next[part]);
             }
-            own.add(col, plus(carry_upper, sums.a), plus(carry_lower, sums.c));
-            (carry_upper, carry_lower) = (sums.b, sums.d);
-        }
-        own.add(if quads < cols { quads } else { 0 }, carry_upper, carry_lower);
-    }
-
-    /// Turns the sums of a row whose triangles are all in into normals, areas and qualities.
-    fn finish_row(&self, first: usize, row: &mut [SurfacePoint]) {
-        for (point, sample) in row.iter_mut().zip(&self.samples[first..]) {
-            let [x, y, z] = point.normal;
-            let norm = (x * x + y * y + z * z).sqrt();
-            if !(norm > f32::MIN_POSITIVE && norm.is_finite()) {
-                *point = SurfacePoint::default();
-                continue;
-            }
-            let scale = 1.0 / norm;
-            point.normal = [x * scale, y * scale, z * scale];
-            let ray = [sample[0] * sample[3], sample[1] * sample[3], sample[2] * sample[3]];
-            point.incidence = super::quality::incidence_quality(ray, point.normal);
-            point.area *= 1.0 / 3.0;
-            point.quality = self.quality.of(point.area, point.incidence);
+            // Only now: the group to the right asks for this line's flag, the next line for this group's.
+            self.was_active[group + 1] = is_active;
+            finish(col, Some(&sums));
         }
     }
 }
 
-/// The legs of a quad as an index of [`CUTS`], from the leg bits of its corners a, b and c.
-fn quad_legs(a: u8, b: u8, c: u8) -> u8 {
-    let pick = |legs: u8, bit: u8, to: u8| u8::from(legs & bit != 0) << to;
-    pick(a, ROW_THERE, 0)
-        | pick(a, COL_THERE, 1)
-        | pick(b, COL_THERE, 2)
-        | pick(c, ROW_THERE, 3)
-        | pick(a, ROW_HONEST, 4)
-        | pick(a, COL_HONEST, 5)
-        | pick(b, COL_HONEST, 6)
-        | pick(c, ROW_HONEST, 7)
+/// The square of the distance between the points at place `k` [m^2].
+#[inline(always)]
+fn distance2(p: &[[f32; LANES]; 3], q: &[[f32; LANES]; 3], k: usize) -> f32 {
+    let (x, y, z) = (p[0][k] - q[0][k], p[1][k] - q[1][k], p[2][k] - q[2][k]);
+    x * x + y * y + z * z
 }
 
-/// Cuts a quad along the diagonal that keeps most of it, the shorter one when both keep the same: its triangle bits, and
-/// what its kept triangles give to its corners. Noise makes the choice as good as random, so it is made without jumps.
-fn mesh_quad(legs: u8, [a, b, c, d]: [&Sample; 4]) -> (u8, CornerSums) {
-    let cut = &CUTS[usize::from(legs)];
-    let is_bc_shorter = distance2(b, c) <= distance2(a, d);
-    let is_bc = (cut.preference > 0) | ((cut.preference == 0) & is_bc_shorter);
-    let bits = if is_bc { cut.along_bc } else { cut.along_ad };
-    // Along b-c: a b c (without d) and b d c (without a). Along a-d: a b d (without c) and a d c (without b).
-    let is_upper_kept = bits & 0b1100 != 0;
-    let is_lower_kept = bits & 0b0011 != 0;
-    let upper = only_if(is_upper_kept, facing_area([a, b, if is_bc { c } else { d }]));
-    let lower = only_if(is_lower_kept, facing_area([if is_bc { b } else { a }, d, c]));
-    let sums = CornerSums {
-        a: plus(upper, only_if(!is_bc, lower)),
-        b: plus(upper, only_if(is_bc, lower)),
-        c: plus(lower, only_if(is_bc, upper)),
-        d: plus(lower, only_if(!is_bc, upper)),
-    };
-    (bits, sums)
+/// Writes the area vectors of eight triangles, or zeros for those that are not kept.
+#[inline(always)]
+fn store(lines: &mut [Lines<f32>; 4], col: usize, areas: &AreaLanes, kept: &[f32; LANES]) {
+    for part in 0..4 {
+        let mut eight = [0.0; LANES];
+        for k in 0..LANES {
+            eight[k] = if kept[k] > 0.0 { areas[part][k] } else { 0.0 };
+        }
+        lines[part].put(0, col, eight);
+    }
 }
 
-fn distance2(p: &Sample, q: &Sample) -> f32 {
-    let square = |k: usize| (p[k] - q[k]) * (p[k] - q[k]);
-    square(0) + square(1) + square(2)
+/// Turns the sums of eight points whose triangles are all in into normals, areas and qualities. `rays` are their unit
+/// directions.
+#[inline(always)]
+pub(super) fn finish_points(
+    sums: &AreaLanes,
+    rays: &[[f32; LANES]; 3],
+    quality: &QualityScale,
+    out: &mut [SurfacePoint],
+) {
+    let [mut x, mut y, mut z, mut area] = *sums;
+    let (mut incidence, mut good) = ([0.0; LANES], [0.0; LANES]);
+    for k in 0..LANES {
+        let norm = (x[k] * x[k] + y[k] * y[k] + z[k] * z[k]).sqrt();
+        let is_there = (norm > f32::MIN_POSITIVE) & (norm < f32::INFINITY);
+        let scale = if is_there { 1.0 / norm } else { 0.0 };
+        (x[k], y[k], z[k]) = (x[k] * scale, y[k] * scale, z[k] * scale);
+        area[k] = if is_there { area[k] * (1.0 / 3.0) } else { 0.0 };
+        incidence[k] = (rays[0][k] * x[k] + rays[1][k] * y[k] + rays[2][k] * z[k]).abs().min(1.0);
+        good[k] = if is_there { quality.of(area[k], incidence[k]) } else { 0.0 };
+        incidence[k] = if is_there { incidence[k] } else { 0.0 };
+    }
+    let count = out.len().min(LANES);
+    for (k, point) in out[..count].iter_mut().enumerate() {
+        *point = SurfacePoint { normal: [x[k], y[k], z[k]], incidence: incidence[k], area: area[k], quality: good[k] };
+    }
+}
+
+/// The area vectors of eight triangles [m^2], turned towards the scanner, and their lengths.
+#[inline(always)]
+fn facing_areas(p: &[[f32; LANES]; 3], q: &[[f32; LANES]; 3], r: &[[f32; LANES]; 3]) -> AreaLanes {
+    let mut areas = [[0.0; LANES]; 4];
+    for k in 0..LANES {
+        let u = [q[0][k] - p[0][k], q[1][k] - p[1][k], q[2][k] - p[2][k]];
+        let v = [r[0][k] - p[0][k], r[1][k] - p[1][k], r[2][k] - p[2][k]];
+        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+        let away = n[0] * p[0][k] + n[1] * p[1][k] + n[2] * p[2][k];
+        let half = (-0.5f32).copysign(-away);
+        (areas[0][k], areas[1][k], areas[2][k]) = (n[0] * half, n[1] * half, n[2] * half);
+        areas[3][k] = 0.5 * (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+    }
+    areas
+}
+
+/// The bits of `links` of eight cells from the kept triangles of their own quads and of those to the left, above, and
+/// above left: the cell is corner a of the first, b of the second, c of the third, d of the fourth.
+#[inline(always)]
+pub(super) fn links_of(own: &[u8], left: &[u8], above: &[u8], above_left: &[u8], out: &mut [u8]) {
+    let count = out.len();
+    let (own, left) = (&own[..count], &left[..count]);
+    let (above, above_left) = (&above[..count], &above_left[..count]);
+    for k in 0..count {
+        let (own, left, above, above_left) = (own[k], left[k], above[k], above_left[k]);
+        out[k] = without(own, 2, 3)
+            | without(own, 1, 2) << 1
+            | without(own, 1, 3) << 2
+            | without(left, 0, 2) << 2
+            | without(left, 0, 3) << 3
+            | without(left, 2, 3) << 4
+            | without(above, 0, 1)
+            | without(above, 1, 3) << 6
+            | without(above, 0, 3) << 7
+            | without(above_left, 0, 1) << 4
+            | without(above_left, 1, 2) << 5
+            | without(above_left, 0, 2) << 6;
+    }
+}
+
+/// 1 if a quad keeps a triangle without corner `i`, or without corner `k`, else 0.
+#[inline(always)]
+fn without(kept: u8, i: u8, k: u8) -> u8 {
+    (kept >> i | kept >> k) & 1
 }
 
 /// The area vector of a triangle [m^2], turned towards the scanner, and its length.
@@ -265,22 +294,48 @@ mod tests {
 
     #[test]
     fn corners_of_a_kept_triangle_are_linked_and_the_left_out_one_is_not() {
-        // Kept: the triangle without d. Corner a is linked to its right and below, d to nothing.
-        assert_eq!(CORNER_LINKS[0][1 << 3], 0b101);
-        assert_eq!(CORNER_LINKS[3][1 << 3], 0);
-        // b knows a (left) and c (below left).
-        assert_eq!(CORNER_LINKS[1][1 << 3], 1 << 4 | 1 << 3);
+        // Kept: the triangle without d.
+        let (kept, none) = ([1u8 << 3], [0u8]);
+        let links = |own, left, above, above_left| {
+            let mut out = [0];
+            links_of(own, left, above, above_left, &mut out);
+            out[0]
+        };
+        // Corner a is linked to its right and below, b to its left and below left, d to nothing.
+        assert_eq!(links(&kept, &none, &none, &none), 0b101);
+        assert_eq!(links(&none, &kept, &none, &none), 1 << 4 | 1 << 3);
+        assert_eq!(links(&none, &none, &none, &kept), 0);
+    }
+
+    #[test]
+    fn a_link_is_there_exactly_where_a_kept_triangle_has_both_corners() {
+        // The steps from each corner to each other one, in the order of the bits of `links`.
+        const BIT: [[u8; 4]; 4] = [[0, 0, 2, 1], [4, 0, 3, 2], [6, 7, 0, 0], [5, 6, 4, 0]];
+        for from in 0..4 {
+            for kept in 0..16u8 {
+                let mut quads = [[0u8]; 4];
+                quads[from] = [kept];
+                let mut out = [0];
+                links_of(&quads[0], &quads[1], &quads[2], &quads[3], &mut out);
+                let mut expected = 0u8;
+                for to in (0..4).filter(|to| *to != from) {
+                    let is_shared = (0..4).any(|k| kept & (1 << k) != 0 && k != from && k != to);
+                    expected |= u8::from(is_shared) << BIT[from][to];
+                }
+                assert_eq!(out[0], expected, "corner {from}, kept {kept:b}");
+            }
+        }
     }
 
     #[test]
     fn a_corner_off_the_surface_leaves_the_triangle_of_the_other_three() {
         // All legs are there, those of b span two surfaces: cut along a-d, without b kept, without c discarded.
-        let cut = CUTS[0b1010_1111];
-        assert!(cut.preference < 0);
-        assert_eq!(cut.along_ad, 1 << 1 | 1 << (2 + 4));
+        let triangles = triangles_of(0b01, 0b11, 0b01, 0b11);
+        assert!(preference(triangles) < 0);
+        assert_eq!(cut(triangles, false), 1 << 1 | 1 << (2 + 4));
         // The return of d is missing: only the triangle without d exists.
-        let cut = CUTS[0b0011_0011];
-        assert!(cut.preference > 0 && cut.along_bc == 1 << 3);
+        let triangles = triangles_of(0b11, 0b11, 0, 0);
+        assert!(preference(triangles) > 0 && cut(triangles, true) == 1 << 3);
     }
 
     #[test]

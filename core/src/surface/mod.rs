@@ -3,8 +3,11 @@
 //!
 //! An ordered scan is meshed along its grid (spec section 2): `filter` takes the range noise out, `legs` tells a
 //! leg of the grid that follows a surface from one that jumps between two, `mesh` keeps the triangles of honest legs
-//! and sums their normals and areas, `discarded` lists the others. A scan without an order gets the same values from
-//! its nearest neighbours (`cloud`) and no triangles.
+//! and sums their normals and areas, `discarded` lists the others. `strip` does all of it line by line, so that a scan
+//! can be given sweep by sweep as it comes.
+//!
+//! A scan without an order gets its triangles from a grid over the directions of its points (`spherical_index`), and its
+//! normals from each point's nearest neighbours (`cloud`).
 
 mod builder;
 mod cloud;
@@ -12,9 +15,12 @@ mod config;
 mod discarded;
 mod filter;
 mod legs;
+mod lines;
 mod mesh;
 mod neighbours;
 mod quality;
+mod spherical_index;
+mod strip;
 mod topology;
 mod view;
 

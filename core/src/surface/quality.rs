@@ -11,6 +11,7 @@ pub fn area_limit(distance_m: f64, head_step: f64, beam_step: f64) -> f64 {
 
 /// D_A (3.23): 1 up to `area_max`, then in inverse proportion [areas in m^2].
 #[must_use]
+#[inline]
 pub fn area_quality(area: f32, area_max: f32) -> f32 {
     if area <= area_max { 1.0 } else { area_max / area }
 }
@@ -46,6 +47,7 @@ impl QualityScale {
     }
 
     /// D of a point with this area [m^2] and |v.n|.
+    #[inline(always)]
     pub(super) fn of(&self, area: f32, incidence: f32) -> f32 {
         let (a, n) = (self.w_a * area_quality(area, self.area_max), self.w_n * incidence);
         ((a * a + n * n).sqrt() * self.scale).min(1.0)

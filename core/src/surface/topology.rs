@@ -1,6 +1,6 @@
 //! Which cells of an ordered scan are next to each other.
 
-use crate::scan::Grid;
+use crate::scan::{Grid, Point};
 
 /// A grid of directions that may close on itself: a head that turns a full circle ends where it began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,10 +23,10 @@ const WITNESSES_MIN: usize = 4;
 const SEAM_STEPS_MAX: f32 = 1.5;
 
 impl Topology {
-    /// Finds out from the directions of the rays (unit vectors, zero where there is no return) whether the grid closes.
-    pub(super) fn of(directions: &[[f32; 3]], grid: Grid) -> Self {
+    /// Finds out from the directions of the returns of at least `range_min` [m] whether the grid closes.
+    pub(super) fn of(points: &[Point], grid: Grid, range_min: f32) -> Self {
         let Grid { rows, cols } = grid;
-        let cell = |r: usize, c: usize| directions[r * cols + c];
+        let cell = |r: usize, c: usize| direction(&points[r * cols + c], range_min);
         let wraps_rows = rows >= LINES_MIN
             && closes((0..cols).map(|c| [cell(rows - 1, c), cell(0, c), cell(1, c), cell(rows - 2, c)]));
         let wraps_cols = cols >= LINES_MIN
@@ -68,6 +68,12 @@ impl Topology {
     }
 }
 
+/// The unit direction of a return; zero without one.
+fn direction(point: &Point, range_min: f32) -> [f32; 3] {
+    let range = point.range();
+    if range >= range_min && range <= f32::MAX { [point.x / range, point.y / range, point.z / range] } else { [0.0; 3] }
+}
+
 fn after(line: usize, lines: usize, wraps: bool) -> Option<usize> {
     if line + 1 < lines { Some(line + 1) } else { wraps.then_some(0) }
 }
@@ -105,20 +111,20 @@ fn gap(a: [f32; 3], b: [f32; 3]) -> Option<f32> {
 mod tests {
     use super::*;
 
-    fn ring(lines: usize, step_deg: f32) -> Vec<[f32; 3]> {
+    fn ring(lines: usize, step_deg: f32) -> Vec<Point> {
         (0..lines * 6)
             .map(|i| {
                 let (az, el) = (((i / 6) as f32 * step_deg).to_radians(), ((i % 6) as f32 - 3.0).to_radians());
-                [el.cos() * az.cos(), el.cos() * az.sin(), el.sin()]
+                Point::new(el.cos() * az.cos(), el.cos() * az.sin(), el.sin())
             })
             .collect()
     }
 
     #[test]
     fn a_full_circle_closes_and_a_part_of_it_does_not() {
-        let full = Topology::of(&ring(90, 4.0), Grid { rows: 90, cols: 6 });
+        let full = Topology::of(&ring(90, 4.0), Grid { rows: 90, cols: 6 }, 0.05);
         assert!(full.wraps_rows && !full.wraps_cols);
-        let part = Topology::of(&ring(80, 4.0), Grid { rows: 80, cols: 6 });
+        let part = Topology::of(&ring(80, 4.0), Grid { rows: 80, cols: 6 }, 0.05);
         assert!(!part.wraps_rows && !part.wraps_cols);
     }
 

@@ -3,10 +3,9 @@
 use nalgebra::Vector3;
 
 use super::discarded::DiscardedTriangle;
-use super::mesh::{CORNER_LINKS, TRIANGLE_CORNERS};
+use super::mesh::TRIANGLE_CORNERS;
 use super::neighbours::NeighbourList;
 use super::topology::Topology;
-use crate::threads::for_blocks;
 
 /// The geometry of one point of the scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -34,6 +33,10 @@ impl SurfacePoint {
 pub struct Surface {
     pub(super) points: Vec<SurfacePoint>,
     pub(super) topology: Option<Topology>,
+    /// The grid of the mesh: the scan's own, or that of the index over a scan without an order.
+    pub(super) mesh_topology: Option<Topology>,
+    /// The point in each cell of an index; empty for an ordered scan, whose cells are its points.
+    pub(super) point_of_cell: Vec<u32>,
     /// Per cell: kept triangles in the low four bits, discarded ones in the high four; bit k leaves out corner k.
     pub(super) triangles: Vec<u8>,
     /// Per cell: which of the eight cells around share a kept triangle with it, in the order of `LINK_OFFSETS`.
@@ -88,15 +91,25 @@ impl Surface {
 
     /// The kept triangles of a cell's quad: bit k is set when the triangle without corner k (a, b, c, d = 0 to 3) is
     /// kept. Shifted to [`PointScore::KEPT_WITHOUT`](crate::analysis::PointScore::KEPT_WITHOUT) these are its flags.
+    /// Always 0 in a scan without an order, whose points have no quads of their own.
     #[must_use]
     pub fn kept_bits(&self, cell: usize) -> u16 {
-        self.triangles.get(cell).map_or(0, |bits| u16::from(bits & 0x0f))
+        let bits = self.triangles.get(cell).filter(|_| self.topology.is_some());
+        bits.map_or(0, |bits| u16::from(bits & 0x0f))
+    }
+
+    /// The number of kept triangles.
+    #[must_use]
+    pub fn kept_count(&self) -> usize {
+        self.triangles.iter().map(|bits| (bits & 0x0f).count_ones() as usize).sum()
     }
 
     /// The kept triangles, as indices of points, in the order of the cells.
     pub fn kept_triangles(&self) -> impl Iterator<Item = [usize; 3]> + '_ {
         self.triangles.iter().enumerate().filter(|(_, bits)| *bits & 0x0f != 0).flat_map(move |(cell, bits)| {
-            let quad = self.topology.and_then(|t| t.quad(cell));
+            let quad = self.mesh_topology.and_then(|t| t.quad(cell));
+            let point = |cell: usize| self.point_of_cell.get(cell).map_or(cell, |point| *point as usize);
+            let quad = quad.map(|q| q.map(point));
             TRIANGLE_CORNERS
                 .iter()
                 .enumerate()
@@ -148,30 +161,31 @@ impl Surface {
         }
     }
 
-    /// Marks, for every cell, the cells it shares a kept triangle with.
-    pub(super) fn link_neighbours(&mut self, topology: &Topology, threads: usize) {
-        let (cols, triangles, cells) = (topology.grid.cols, &self.triangles, topology.grid.cells() as isize);
-        self.link_steps = LINK_OFFSETS.map(|(down, across)| {
-            (isize::from(down) * cols as isize + isize::from(across)).rem_euclid(cells.max(1)) as usize
-        });
-        for_blocks(&mut self.links, cols, threads, |first_row, block| {
-            for (offset, row_links) in block.chunks_mut(cols).enumerate() {
-                let row = first_row + offset;
-                let above = topology.row_before(row).map(|r| &triangles[r * cols..(r + 1) * cols]);
-                let here = &triangles[row * cols..(row + 1) * cols];
-                for (col, links) in row_links.iter_mut().enumerate() {
-                    let left = topology.col_before(col);
-                    let kept = |line: Option<&[u8]>, c: Option<usize>| {
-                        line.zip(c).map_or(0, |(line, c)| usize::from(line[c] & 0x0f))
-                    };
-                    // The cell is corner a of its own quad, b of the one to the left, c of the one above, d of the one
-                    // above left.
-                    *links = CORNER_LINKS[0][kept(Some(here), Some(col))]
-                        | CORNER_LINKS[1][kept(Some(here), left)]
-                        | CORNER_LINKS[2][kept(above, Some(col))]
-                        | CORNER_LINKS[3][kept(above, left)];
-                }
-            }
-        });
+    /// Per cell of the mesh which of the cells around share a kept triangle with it, a bit each in the order of
+    /// [`Surface::link_offsets`].
+    pub(crate) fn links(&self) -> &[u8] {
+        &self.links
+    }
+
+    /// The steps to the cells around in an ordered scan whose lines are not closed: there a step from one line to the
+    /// next is always the same.
+    pub(crate) fn link_offsets(&self) -> Option<[isize; 8]> {
+        let topology = self.topology.filter(|topology| !topology.wraps_cols)?;
+        let cols = topology.grid.cols as isize;
+        Some(LINK_OFFSETS.map(|(down, across)| isize::from(down) * cols + isize::from(across)))
+    }
+
+    /// Whether all cells around the `count` cells from `start` on have indices without going round.
+    #[inline]
+    pub(crate) fn is_inside(&self, start: usize, count: usize, offsets: &[isize; 8]) -> bool {
+        let farthest = offsets[1].unsigned_abs();
+        start >= farthest && start + count + farthest <= self.points.len()
+    }
+
+    /// Works out the steps to the cells around.
+    pub(super) fn set_link_steps(&mut self, topology: &Topology) {
+        let (cols, cells) = (topology.grid.cols as isize, topology.grid.cells() as isize);
+        self.link_steps = LINK_OFFSETS
+            .map(|(down, across)| (isize::from(down) * cols + isize::from(across)).rem_euclid(cells.max(1)) as usize);
     }
 }

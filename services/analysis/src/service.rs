@@ -130,9 +130,12 @@ impl Analysis {
         log_place(number, || scan.location());
         let begin = Instant::now();
         let began_ns = clock::monotonic_ns();
-        self.surface
-            .build(view::scan(scan.meta(), scan.items()), &self.config.surface)
-            .map_err(|e| ServiceError::Work(format!("scan {number}: {e}")))?;
+        let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
+        let points = view::scan(scan.meta(), scan.items());
+        let surface = self.surface.build(points, &self.config.surface).map_err(|e| work(e.to_string()))?;
+        // Zones are found in the scanner's frame: they need no pose either.
+        let zones = &mut self.found_zones;
+        self.finder.find(surface, points, &self.config.zones, zones).map_err(|e| work(e.to_string()))?;
         self.current = Some(Current { scan, began_ns, surface_time: begin.elapsed() });
         Ok(())
     }
@@ -158,7 +161,6 @@ impl Analysis {
             .scorer
             .score(scan, surface, level_from_scanner, ground, &self.config.scores, view::scores_mut(loan.items_mut()))
             .map_err(|e| work(e.to_string()))?;
-        self.finder.find(surface, scan, &self.config.zones, &mut self.found_zones).map_err(|e| work(e.to_string()))?;
         let header = Header::about(current.scan.header(), current.began_ns);
         *loan.meta_mut() = ScoredScanMeta {
             header,
@@ -166,7 +168,7 @@ impl Analysis {
             alignment_sent_ns: alignment.header.sent_ns,
             surface_ns: nanoseconds(current.surface_time),
             analysis_ns: nanoseconds(begin.elapsed()),
-            triangles_kept: surface.kept_triangles().count() as u32,
+            triangles_kept: surface.kept_count() as u32,
             triangles_discarded: surface.discarded().len() as u32,
             alignment_status: alignment.status,
             scanner_position: map_from_scanner.translation.vector.into(),
