@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, pose_from_rows, rows_from_pose};
 use mirador_core::information_map::{Cell, CellState, InformationMap, TILE_CELLS, Tile, Zone};
-use mirador_core::view_planning::{Situation, Strategy, StrategyRegistry, ViewPlan};
+use mirador_core::view_planning::{Situation, Strategy, StrategyRegistry, ViewPlan, Workspace};
 use mirador_ipc_schema::messages::{
     ALIGNMENT_REJECTED, AlignmentMeta, Header, MapMeta, PathMeta, ScanId, ViewPlanMeta, Waypoint,
 };
@@ -129,6 +129,7 @@ struct Planning<'a> {
     health: HealthReporter,
     map: InformationMap,
     strategy: Box<dyn Strategy>,
+    workspace: Workspace,
     finished_scans: u32,
     /// The last decision was taken by an earlier incarnation, and nobody gets it from the history any more.
     is_decision_lost: bool,
@@ -156,6 +157,7 @@ impl<'a> Planning<'a> {
             health: HealthReporter::open(participant, &setup.name)?,
             map,
             strategy,
+            workspace: Workspace::new(),
             finished_scans,
             is_decision_lost: finished_scans > 0,
         })
@@ -205,7 +207,7 @@ impl<'a> Planning<'a> {
             run_seed: self.config.seed,
             threads: self.setup.threads,
         };
-        let plan = self.strategy.plan(&self.map, &situation, &self.config.view);
+        let plan = self.strategy.plan(&mut self.workspace, &self.map, &situation, &self.config.view);
         let known = ViewPlanMeta {
             header,
             scan_sent_ns: step.scan.header().sent_ns,
