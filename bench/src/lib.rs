@@ -6,6 +6,7 @@
 
 pub mod ipc;
 mod machine;
+pub mod planning;
 pub mod registration;
 mod report;
 

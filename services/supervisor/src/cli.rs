@@ -200,6 +200,34 @@ pub enum BenchCommand {
     },
     /// Speed and error of every registration method, beside small_gicp, KISS-ICP and GTSAM from PyPI.
     Registration(BenchRegistrationArgs),
+    /// Time of a plan, and what strategies achieve in whole explorations.
+    Planning(BenchPlanningArgs),
+}
+
+/// Arguments of `bench planning`.
+#[derive(Debug, Clone, Args)]
+pub struct BenchPlanningArgs {
+    /// Write the figures to this file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Plans timed for each row, 1 to 39 [default: 15].
+    #[arg(long, value_name = "N")]
+    pub repetitions: Option<usize>,
+    /// What to measure: evaluate, growth, exploration [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub cases: Vec<String>,
+    /// Strategies to measure, for example multi_criteria,coverage_tour [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub strategies: Vec<String>,
+    /// Scans of the drive of `growth` [default: 4000].
+    #[arg(long, value_name = "N")]
+    pub growth_scans: Option<usize>,
+    /// Explorations of each strategy in each world [default: 3].
+    #[arg(long, value_name = "N")]
+    pub seeds: Option<u64>,
+    /// Explorations scan with steps this much coarser than 0.5 deg, 1 to 10 [default: 4].
+    #[arg(long, value_name = "N")]
+    pub coarser: Option<usize>,
 }
 
 /// Arguments of `bench registration`.

@@ -33,6 +33,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Bench { what: BenchCommand::Registration(args) }) => {
             bench::registration(&args, common.quiet, &registry)
         }
+        Some(Command::Bench { what: BenchCommand::Planning(args) }) => bench::planning(&args, common.quiet),
         Some(Command::Explain { dir, scan }) => {
             let mut text = Vec::new();
             crate::explain::explain(&dir, scan, &mut text)?;
