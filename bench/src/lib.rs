@@ -7,6 +7,7 @@
 pub mod ipc;
 mod machine;
 pub mod map;
+pub mod planning;
 pub mod registration;
 mod report;
 

@@ -47,6 +47,7 @@ use mirador_core::registration::{RegistrationConfig, Registry};
 pub use options::{Case, RegistrationOptions};
 pub use peer_process::{PeerError, PeerProcess};
 pub use print::print_comparison;
+pub(crate) use simulated::town_drive;
 pub use simulated::{SimulatedDrive, long_drive, tour_around_a_block};
 
 use crate::{BenchReport, Machine};

@@ -81,6 +81,11 @@ impl SimulatedDrive {
 /// Only if the simulation refuses its own settings.
 pub fn long_drive(scans: usize) -> Result<SimulatedDrive, RegistrationBenchError> {
     let scanner = ScannerConfig { beam_step_deg: 2.0, beams: 136, sweeps: 180, ..ScannerConfig::default() };
+    town_drive(scans, scanner)
+}
+
+/// The drive of [`long_drive`] with another scanner.
+pub(crate) fn town_drive(scans: usize, scanner: ScannerConfig) -> Result<SimulatedDrive, RegistrationBenchError> {
     let stations: Vec<ScanPose> = (0..scans).map(|k| on_serpentine(k as f64 * DRIVE_STEP_M)).collect();
     let streets = 2 + (scans as f64 * DRIVE_STEP_M / (STREET_LENGTH_M + STREET_DISTANCE_M)) as usize;
     SimulatedDrive::new(town(streets, STREET_LENGTH_M), scanner, &stations, 1)

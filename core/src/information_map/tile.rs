@@ -50,6 +50,11 @@ impl Tile {
         self.revision
     }
 
+    /// Where the evidence lies in memory: two tiles of one revision at one address are the same.
+    pub(crate) fn address(&self) -> usize {
+        self.records.as_ptr().addr()
+    }
+
     /// Memory the tile takes [bytes].
     #[must_use]
     pub fn bytes(&self) -> usize {

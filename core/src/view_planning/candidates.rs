@@ -1,30 +1,33 @@
 //! Where could the next scan be taken? Places drawn at random on ground that can be driven on (section 7).
 
+use super::bits::BitPlane;
 use super::config::PlanningConfig;
 use super::grid::PlanningGrid;
-use super::plan::{RejectionReason, ViewPlan};
+use super::plan::{Rejected, RejectionReason, Rejections, ViewPlan};
 use super::strategy::Situation;
 use super::survey::Survey;
-use crate::information_map::CellIndex;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
+/// The places drawn, with their travel costs, and those refused.
+#[derive(Debug, Default)]
+pub(super) struct Draw {
+    pub places: Vec<(usize, f64)>,
+    pub rejected: Vec<Rejected>,
+    pub rejections: Rejections,
+}
+
 /// Draws candidate cells with their travel costs: at random, seeded by run and scan, without repetition; farther apart
-/// than the spacing, also from the robot; at most one for so many cells that can be driven on. What is refused goes
-/// into the record.
-pub(super) fn draw(
-    survey: &Survey,
-    situation: &Situation,
-    config: &PlanningConfig,
-    plan: &mut ViewPlan,
-) -> Vec<(usize, f64)> {
-    let mut cells: Vec<u32> = survey.grid.with(PlanningGrid::NAVIGABLE).map(|at| at as u32).collect();
+/// than the spacing, also from the robot; at most one for so many cells that can be driven on. What is refused is
+/// recorded.
+pub(super) fn draw(survey: &Survey, situation: &Situation, config: &PlanningConfig) -> Draw {
+    let mut cells: Vec<u32> = survey.grid.navigable.ones().map(|at| at as u32).collect();
     let most = (cells.len() / config.cells_per_candidate).min(config.max_candidates);
     let mut random = ChaCha8Rng::seed_from_u64(mix(situation.run_seed, situation.scan_number));
     let mut spacing = Spacing::new(survey, config.spacing_m);
-    let mut drawn: Vec<(usize, f64)> = Vec::with_capacity(most);
+    let mut drawn = Draw::default();
     for next in 0..cells.len() {
-        if drawn.len() >= most {
+        if drawn.places.len() >= most {
             break;
         }
         // One step of a Fisher-Yates shuffle: the cell drawn is put out of reach of the next draws.
@@ -33,17 +36,26 @@ pub(super) fn draw(
         let at = cells[next] as usize;
         match survey.check(at).and_then(|cost| spacing.check(at).map(|()| cost)) {
             Ok(cost) => {
-                spacing.take(survey, at);
-                drawn.push((at, cost));
+                spacing.take(at);
+                drawn.places.push((at, cost));
             }
-            Err(reason) => plan.reject(survey.grid.centre(at), reason),
+            Err(reason) => drawn.reject(&survey.grid, at, reason),
         }
     }
     drawn
 }
 
+impl Draw {
+    fn reject(&mut self, grid: &PlanningGrid, at: usize, reason: RejectionReason) {
+        *self.rejections.counts.entry(reason).or_insert(0) += 1;
+        if self.rejected.len() < ViewPlan::MAX_REJECTED {
+            self.rejected.push(Rejected { position: grid.centre(at), reason });
+        }
+    }
+}
+
 /// One seed out of two (the finaliser of splitmix64), so that neighbouring scans draw unrelated places.
-fn mix(run_seed: u64, scan_number: u64) -> u64 {
+pub(super) fn mix(run_seed: u64, scan_number: u64) -> u64 {
     let mut z = run_seed ^ scan_number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -51,43 +63,61 @@ fn mix(run_seed: u64, scan_number: u64) -> u64 {
 }
 
 /// A number in 0..n; its bias is below n / 2^64.
-fn below(random: &mut ChaCha8Rng, n: usize) -> usize {
+pub(super) fn below(random: &mut ChaCha8Rng, n: usize) -> usize {
     ((u128::from(random.next_u64()) * n as u128) >> 64) as usize
 }
 
-/// Which cells are too near to something taken.
+/// Which cells are too near to the robot, or to something taken.
 struct Spacing {
-    taken: Vec<Option<RejectionReason>>,
+    near_robot: BitPlane,
+    near_candidate: BitPlane,
+    width: usize,
     spacing: f64,
 }
 
 impl Spacing {
     fn new(survey: &Survey, spacing_m: f64) -> Self {
-        let mut spacing = Self { taken: vec![None; survey.grid.flags.len()], spacing: spacing_m / survey.grid.cell_m };
-        let robot = [survey.robot.x / survey.grid.cell_m - 0.5, survey.robot.y / survey.grid.cell_m - 0.5];
-        spacing.mark(survey, robot, RejectionReason::NearRobot);
-        spacing
+        let grid = &survey.grid;
+        let mut empty = BitPlane::default();
+        empty.reset(grid.height, grid.area.stride, 0);
+        let mut near_robot = empty.clone();
+        let corner = grid.index(0);
+        let robot = [
+            survey.robot.x / grid.cell_m - 0.5 - f64::from(corner.x),
+            survey.robot.y / grid.cell_m - 0.5 - f64::from(corner.y),
+        ];
+        let spacing = spacing_m / grid.cell_m;
+        mark(&mut near_robot, robot, spacing);
+        Self { near_robot, near_candidate: empty, width: grid.width, spacing }
     }
 
     fn check(&self, at: usize) -> Result<(), RejectionReason> {
-        self.taken[at].map_or(Ok(()), Err)
+        let (row, bit) = (at / self.width, at % self.width);
+        if self.near_robot.has(row, bit) {
+            return Err(RejectionReason::NearRobot);
+        }
+        if self.near_candidate.has(row, bit) { Err(RejectionReason::NearCandidate) } else { Ok(()) }
     }
 
-    fn take(&mut self, survey: &Survey, at: usize) {
-        let index = survey.grid.index(at);
-        self.mark(survey, [f64::from(index.x), f64::from(index.y)], RejectionReason::NearCandidate);
+    fn take(&mut self, at: usize) {
+        mark(&mut self.near_candidate, [(at % self.width) as f64, (at / self.width) as f64], self.spacing);
     }
+}
 
-    /// Marks every cell whose centre is no farther than the spacing from a place (in cells, centres being integers).
-    fn mark(&mut self, survey: &Survey, place: [f64; 2], reason: RejectionReason) {
-        let ends =
-            |axis: usize| ((place[axis] - self.spacing).ceil() as i32)..=((place[axis] + self.spacing).floor() as i32);
-        for (x, y) in ends(1).flat_map(|y| ends(0).map(move |x| (x, y))) {
-            let (dx, dy) = (f64::from(x) - place[0], f64::from(y) - place[1]);
-            let is_near = dx * dx + dy * dy <= self.spacing * self.spacing * (1.0 + 1e-9);
-            if is_near && let Some(at) = survey.grid.at(CellIndex { x, y }) {
-                self.taken[at].get_or_insert(reason);
-            }
+/// Marks every cell whose centre is no farther than the spacing from a place (in cells, centres being integers).
+fn mark(plane: &mut BitPlane, place: [f64; 2], spacing: f64) {
+    let square = spacing * spacing * (1.0 + 1e-9);
+    let width = (plane.stride * super::bits::WORD) as f64;
+    for row in ((place[1] - spacing).ceil().max(0.0) as usize)..plane.rows() {
+        let dy = row as f64 - place[1];
+        if dy > spacing {
+            break;
+        }
+        // Rows at the rim may lie a rounding error outside.
+        let half = (square - dy * dy).max(0.0).sqrt();
+        let (first, last) = ((place[0] - half).ceil().max(0.0), (place[0] + half).floor().min(width - 1.0));
+        if first <= last {
+            plane.set_range(row, first as usize, last as usize);
         }
     }
 }

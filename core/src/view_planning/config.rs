@@ -82,6 +82,42 @@ pub enum Normalisation {
     BestCandidate,
 }
 
+/// What must be under the robot's footprint wherever its centre goes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FootprintRule {
+    /// No obstacle: known cells under the sight threshold keep their distance, unknown cells may be under it.
+    #[default]
+    Clear,
+    /// Only proven ground: every cell under it has a C_nc over the navigable threshold. Keeps clear of edges beyond
+    /// which nothing is known, and of the gaps between the scanner's rings as well.
+    Verified,
+}
+
+/// `coverage_tour`: which views together are enough, and in what order they are visited.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TourConfig {
+    /// A view must bring at least this share of what a view of flat, never seen ground brings, the effort counted, 0.001
+    /// to 1. Smaller gives more scans and a better model.
+    pub least_gain: f64,
+    /// What a cell that was never seen counts for, beside the quality it will have, 0 to 10.
+    pub unexplored_value: f64,
+    /// Quality over this is not worked for, 0.05 to 1.
+    pub enough_quality: f64,
+    /// Metres of driving that cost as much as a scan, 0.1 to 100,000: a view so far from the robot and from all others of
+    /// the tour counts half. Smaller drives less and leaves more out.
+    pub scan_metres: f64,
+    /// At most so many views in a tour, 1 to 1,000.
+    pub max_views: usize,
+}
+
+impl Default for TourConfig {
+    fn default() -> Self {
+        Self { least_gain: 0.17, unexplored_value: 0.1, enough_quality: 1.0, scan_metres: 30.0, max_views: 64 }
+    }
+}
+
 /// Settings shared by the strategies; a strategy reads what it needs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -113,15 +149,29 @@ pub struct PlanningConfig {
     pub zone_saturation_m2: f64,
     /// No obstacle may lie nearer than this to the robot's centre [m], 0 to 10.
     pub footprint_radius_m: f64,
+    /// What must be under the footprint.
+    pub footprint: FootprintRule,
     /// Around the robot's present place the ground counts as passable up to this distance even if unknown, since the
     /// scanner cannot see under itself [m], 0 to 10.
     pub start_clearance_m: f64,
+    /// Candidates are first sought within this distance of the robot along each axis [m], 10 to 2,000; only when none
+    /// there is worth going to, farther off. Bounds the time of a plan, however large the map.
+    pub near_m: f64,
     /// Candidates and paths stay within this distance of the robot along each axis [m], 10 to 2,000: bounds memory.
     pub horizon_m: f64,
     /// The work area, if there is one.
     pub work_area: Option<WorkArea>,
     /// `frontier`: smaller groups of frontier cells are passed over, 1 to 10,000.
     pub frontier_min_cells: usize,
+    /// `greedy_informative`, `greedy_new_cells`, `exponential_gain`: a view that shows fewer unexplored cells is not worth
+    /// a scan, 1 to 1,000,000.
+    pub informative_min_cells: usize,
+    /// `greedy_replanning`: scan again after so much of the way [m], 0.3 to 1,000.
+    pub replanning_step_m: f64,
+    /// `exponential_gain`: lambda of A e^(-lambda L) [1/m], 0 to 10.
+    pub exponential_lambda: f64,
+    /// `coverage_tour`.
+    pub tour: TourConfig,
 }
 
 impl Default for PlanningConfig {
@@ -140,10 +190,16 @@ impl Default for PlanningConfig {
             normalisation: Normalisation::Absolute,
             zone_saturation_m2: 10.0,
             footprint_radius_m: 0.5,
+            footprint: FootprintRule::Clear,
             start_clearance_m: 1.0,
+            near_m: 60.0,
             horizon_m: 150.0,
             work_area: None,
             frontier_min_cells: 5,
+            informative_min_cells: 500,
+            replanning_step_m: 5.0,
+            exponential_lambda: 0.2,
+            tour: TourConfig::default(),
         }
     }
 }
@@ -203,8 +259,17 @@ impl PlanningConfig {
             ("zone_saturation_m2", self.zone_saturation_m2, 0.01, 1e4, "m^2"),
             ("footprint_radius_m", self.footprint_radius_m, 0.0, 10.0, "m"),
             ("start_clearance_m", self.start_clearance_m, 0.0, 10.0, "m"),
+            ("near_m", self.near_m, 10.0, 2000.0, "m"),
             ("horizon_m", self.horizon_m, 10.0, 2000.0, "m"),
             ("frontier_min_cells", self.frontier_min_cells as f64, 1.0, 1e4, ""),
+            ("informative_min_cells", self.informative_min_cells as f64, 1.0, 1e6, ""),
+            ("replanning_step_m", self.replanning_step_m, 0.3, 1000.0, "m"),
+            ("exponential_lambda", self.exponential_lambda, 0.0, 10.0, "1/m"),
+            ("tour.least_gain", self.tour.least_gain, 0.001, 1.0, ""),
+            ("tour.unexplored_value", self.tour.unexplored_value, 0.0, 10.0, ""),
+            ("tour.enough_quality", self.tour.enough_quality, 0.05, 1.0, ""),
+            ("tour.scan_metres", self.tour.scan_metres, 0.1, 1e5, "m"),
+            ("tour.max_views", self.tour.max_views as f64, 1.0, 1000.0, ""),
         ];
         for (field, value, min, max, unit) in ranges {
             if !(min..=max).contains(&value) {
@@ -224,6 +289,26 @@ impl PlanningConfig {
     #[must_use]
     pub fn stop_threshold(&self) -> f64 {
         0.5 / (self.weights.cost * self.farthest_m)
+    }
+
+    /// The same settings with those that only weigh what was found set to their defaults: two plans that agree in the rest
+    /// find the same candidates with the same terms.
+    pub(super) fn without_preferences(&self) -> Self {
+        let default = Self::default();
+        Self {
+            strategy: String::new(),
+            weights: default.weights,
+            farthest_m: default.farthest_m,
+            min_mean_quality: default.min_mean_quality,
+            normalisation: default.normalisation,
+            zone_saturation_m2: default.zone_saturation_m2,
+            frontier_min_cells: default.frontier_min_cells,
+            informative_min_cells: default.informative_min_cells,
+            replanning_step_m: default.replanning_step_m,
+            exponential_lambda: default.exponential_lambda,
+            tour: default.tour,
+            ..self.clone()
+        }
     }
 
     /// Whether a position of the map frame [m] lies in the work area; everywhere when there is none.

@@ -2,64 +2,104 @@
 //! nearest border between ground that can be driven on and the unknown.
 
 use super::config::PlanningConfig;
-use super::grid::PlanningGrid;
 use super::plan::{Candidate, Decision, RejectionReason, StopReason, ViewPlan};
 use super::strategy::{Situation, Strategy};
-use super::survey::{Survey, empty_plan};
+use super::survey::Survey;
+use super::visited::Visited;
+use super::workspace::{Workspace, plan_in_stages};
 use crate::information_map::InformationMap;
 
 /// One candidate for each group of joined frontier cells: its cell nearest to the group's centre. The nearest by path
-/// cost is chosen; the utility is 1 / C. It stops when no frontier is left.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Frontier;
+/// cost is chosen; the utility is 1 / C. It stops when no frontier is left but those at places where it has scanned.
+#[derive(Debug, Clone, Default)]
+pub struct Frontier {
+    visited: Visited,
+}
 
 impl Strategy for Frontier {
     fn name(&self) -> &str {
         "frontier"
     }
 
-    fn plan(&mut self, map: &InformationMap, situation: &Situation, config: &PlanningConfig) -> ViewPlan {
-        let mut plan = empty_plan(self.name(), map, situation, config);
-        let Some(survey) = Survey::new(map, situation, config) else { return plan };
-        survey.record(&mut plan);
-
-        let groups = groups(&survey);
-        let mut places = Vec::new();
-        for group in &groups {
-            let at = middle(&survey, group);
-            match check(&survey, group, at, config) {
-                Ok(cost) => {
-                    let mut candidate = survey.candidate(at, cost);
-                    candidate.raw.unexplored_cells = group.len() as u32;
-                    candidate.utility = 1.0 / cost;
-                    plan.candidates.push(candidate);
-                    places.push(at);
+    fn plan(
+        &mut self,
+        workspace: &mut Workspace,
+        map: &InformationMap,
+        situation: &Situation,
+        config: &PlanningConfig,
+    ) -> ViewPlan {
+        self.visited.remember(situation);
+        plan_in_stages(self.name(), workspace, map, situation, config, |stage, plan| {
+            let survey = stage.survey();
+            let places = add_groups(survey, config, &self.visited, plan, |group| middle(survey, group));
+            match nearest(&plan.candidates) {
+                Some(candidate) => {
+                    plan.decision = Decision::Go { candidate };
+                    plan.path = survey.path_to(places[candidate]);
+                    true
                 }
-                Err(reason) => plan.reject(survey.grid.centre(at), reason),
+                None => {
+                    plan.stop_as_done();
+                    false
+                }
             }
-        }
-        if let Some(candidate) = nearest(&plan.candidates) {
-            plan.decision = Decision::Go { candidate };
-            plan.path = places.get(candidate).map(|&at| survey.path_to(at)).unwrap_or_default();
-        } else if plan.reachable_cells > 0 {
-            plan.decision = Decision::Stop { reason: StopReason::Done };
-        }
-        plan
+        })
     }
 }
 
-fn check(survey: &Survey, group: &[usize], at: usize, config: &PlanningConfig) -> Result<f64, RejectionReason> {
+impl ViewPlan {
+    /// Nothing is left of what the strategy looks for; without reachable ground, the reason stays.
+    pub(super) fn stop_as_done(&mut self) {
+        if self.reachable_cells > 0 {
+            self.decision = Decision::Stop { reason: StopReason::Done };
+        }
+    }
+}
+
+/// Makes a candidate of one cell of every group of frontier cells, `choose`s which, and returns the cells. The utility is
+/// 1 / C.
+pub(super) fn add_groups(
+    survey: &Survey,
+    config: &PlanningConfig,
+    visited: &Visited,
+    plan: &mut ViewPlan,
+    choose: impl Fn(&[usize]) -> usize,
+) -> Vec<usize> {
+    let mut places = Vec::new();
+    for group in groups(survey) {
+        let at = choose(&group);
+        match check(survey, &group, at, visited, config) {
+            Ok(cost) => {
+                let mut candidate = survey.candidate(at, cost);
+                candidate.raw.unexplored_cells = group.len() as u32;
+                candidate.utility = 1.0 / cost;
+                plan.candidates.push(candidate);
+                places.push(at);
+            }
+            Err(reason) => plan.reject(survey.grid.centre(at), reason),
+        }
+    }
+    places
+}
+
+fn check(
+    survey: &Survey,
+    group: &[usize],
+    at: usize,
+    visited: &Visited,
+    config: &PlanningConfig,
+) -> Result<f64, RejectionReason> {
     if group.len() < config.frontier_min_cells {
         return Err(RejectionReason::SmallFrontier);
     }
-    let [x, y] = survey.grid.centre(at);
-    if (x - survey.robot.x).hypot(y - survey.robot.y) <= config.spacing_m {
+    if visited.is_near(survey.grid.centre(at), config.spacing_m) {
         return Err(RejectionReason::NearRobot);
     }
     survey.check(at)
 }
 
-fn nearest(candidates: &[Candidate]) -> Option<usize> {
+/// The candidate of the least cost, the first of equals.
+pub(super) fn nearest(candidates: &[Candidate]) -> Option<usize> {
     (0..candidates.len()).min_by(|&a, &b| candidates[a].cost.total_cmp(&candidates[b].cost))
 }
 
@@ -80,21 +120,21 @@ fn middle(survey: &Survey, group: &[usize]) -> usize {
 }
 
 /// The groups of frontier cells (reachable, beside an unexplored cell) that touch each other, in a fixed order.
-fn groups(survey: &Survey) -> Vec<Vec<usize>> {
+pub(super) fn groups(survey: &Survey) -> Vec<Vec<usize>> {
     let grid = &survey.grid;
     let width = grid.width as isize;
     let around = [1, -1, width, -width, width + 1, width - 1, -width + 1, -width - 1];
     let is_frontier = |at: usize| {
-        let is_open = |offset: &isize| grid.has(at.wrapping_add_signed(*offset), PlanningGrid::UNEXPLORED);
+        let is_open = |offset: &isize| grid.has(&grid.unexplored, at.wrapping_add_signed(*offset));
         survey.check(at).is_ok() && around.iter().any(is_open)
     };
     // Ground that can be driven on keeps a margin to the edge of the grid, so neighbours always exist.
-    let mut open = vec![false; grid.flags.len()];
-    for at in grid.with(PlanningGrid::NAVIGABLE) {
+    let mut open = vec![false; grid.len()];
+    for at in grid.navigable.ones() {
         open[at] = is_frontier(at);
     }
     let mut groups = Vec::new();
-    for first in grid.with(PlanningGrid::NAVIGABLE) {
+    for first in grid.navigable.ones() {
         if !std::mem::take(&mut open[first]) {
             continue;
         }

@@ -1,188 +1,195 @@
 //! What a scan from a candidate would bring: A (4.7), Q (4.8 to 4.10), O (4.11), as raw sums.
 
-use super::config::{PlanningConfig, ScannerModel};
+use super::bits::{BitPlane, WORD};
+use super::config::ScannerModel;
 use super::grid::PlanningGrid;
 use super::plan::RawGain;
-use super::visibility::RayTable;
-use crate::information_map::{CellIndex, InformationMap, Zone, cells_of_line, incidence};
+use super::quality::{Offset, QualityModel};
+use super::sweep::{Reach, Sweep};
+use super::tiles::{SIDE, TileDigest};
+use crate::information_map::{CellIndex, Zone};
+use crate::simd::widest;
 use crate::threads;
 use nalgebra::Vector3;
+use std::sync::{Mutex, PoisonError};
 
-/// Predicts quality: D (3.27) with the D_A and D_I that a scan will measure.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct QualityModel {
-    /// A_max / (res_p res_t) [1/m^2].
-    resolution: f32,
-    area_weight: f32,
-    incidence_weight: f32,
-    /// Tangent of the lowest beam's elevation.
-    lowest_slope: f32,
+/// Everything about a scanner that does not depend on the map.
+#[derive(Debug, Clone)]
+pub(super) struct ScannerView {
+    scanner: ScannerModel,
+    cell_m: f64,
+    pub reach: Reach,
+    pub quality: QualityModel,
+    /// What Q's raw sum would be over flat, never seen ground.
+    pub flat_quality: f64,
+    /// A_ce: cells in the scanner's whole footprint.
+    pub footprint_cells: f64,
 }
 
-impl QualityModel {
-    pub fn new(scanner: &ScannerModel) -> Self {
-        let steps = scanner.azimuth_step_deg.to_radians() * scanner.elevation_step_deg.to_radians();
-        let norm = scanner.area_weight.hypot(scanner.incidence_weight);
-        Self {
-            resolution: (scanner.max_area_m2 / steps) as f32,
-            area_weight: (scanner.area_weight / norm) as f32,
-            incidence_weight: (scanner.incidence_weight / norm) as f32,
-            lowest_slope: scanner.lowest_elevation_deg.to_radians().tan() as f32,
+/// The mean products of the normals of level ground.
+pub(super) const LEVEL: [f32; 6] = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+
+impl ScannerView {
+    pub fn new(scanner: &ScannerModel, cell_m: f64) -> Self {
+        let reach = Reach::new((scanner.range_m / cell_m).max(1.0));
+        let quality = QualityModel::new(scanner);
+        let (mut flat_quality, mut footprint_cells) = (0.0, 0.0);
+        for (dx, dy) in reach.offsets() {
+            let ray = [dx as f32 * cell_m as f32, dy as f32 * cell_m as f32, -scanner.height_m as f32];
+            flat_quality += f64::from(quality.expected(ray, &LEVEL));
+            footprint_cells += 1.0;
         }
+        Self { scanner: *scanner, cell_m, reach, quality, flat_quality, footprint_cells }
     }
 
-    /// The quality expected of a surface with the given mean normal moments, seen along `ray` (scanner to surface,
-    /// [m]); 0 where no beam points. D_A = min(1, A_max |v.n| / (r^2 dp dt cos el)), the calibrated form of (4.8).
-    pub fn expected(&self, ray: &Vector3<f32>, moments: &[f32; 6]) -> f32 {
-        let horizontal = ray.x.hypot(ray.y);
-        let range = horizontal.hypot(ray.z);
-        if horizontal <= 0.0 || ray.z < self.lowest_slope * horizontal {
-            return 0.0;
-        }
-        let incidence = incidence(moments, &(ray / range));
-        // r^2 cos el = r times the horizontal distance.
-        let area = (self.resolution * incidence / (range * horizontal)).min(1.0);
-        (self.area_weight * area).hypot(self.incidence_weight * incidence)
+    pub fn is_of(&self, scanner: &ScannerModel, cell_m: f64) -> bool {
+        self.scanner == *scanner && self.cell_m == cell_m
+    }
+
+    /// Height of the scanner's eye over the ground [m].
+    pub fn height_m(&self) -> f64 {
+        self.scanner.height_m
     }
 }
 
 /// Evaluates candidates on one grid.
 pub(super) struct GainModel<'a> {
-    grid: &'a PlanningGrid,
-    zones: &'a [Zone],
-    rays: RayTable,
-    quality: QualityModel,
-    scanner_height: f64,
-    range_m: f64,
-    /// What Q's raw sum would be over flat, never seen ground.
-    pub flat_quality: f64,
-    /// The area of all zones [m^2].
-    pub zone_area: f64,
-    /// A_ce: cells in the scanner's whole footprint.
-    pub footprint_cells: f64,
+    pub grid: &'a PlanningGrid,
+    pub zones: &'a [Zone],
+    pub view: &'a ScannerView,
 }
 
-impl<'a> GainModel<'a> {
-    pub fn new(map: &'a InformationMap, grid: &'a PlanningGrid, config: &PlanningConfig) -> Self {
-        let scanner = &config.scanner;
-        let rays = RayTable::new((scanner.range_m / grid.cell_m).floor().max(1.0) as i32, grid.width);
-        let quality = QualityModel::new(scanner);
-        let level = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-        let (mut flat_quality, mut footprint_cells) = (0.0, 0.0);
-        for step in rays.rays().flatten().filter(|step| step.is_own) {
-            let ray = ray(step.dx, step.dy, grid.cell_m as f32, -scanner.height_m as f32);
-            flat_quality += f64::from(quality.expected(&ray, &level));
-            footprint_cells += 1.0;
-        }
-        Self {
-            grid,
-            zones: map.zones(),
-            rays,
-            quality,
-            scanner_height: scanner.height_m,
-            range_m: scanner.range_m,
-            flat_quality,
-            zone_area: map.zones().iter().map(|zone| zone.normal.norm()).sum(),
-            footprint_cells,
-        }
+impl GainModel<'_> {
+    /// What a scan from the cell `at`, with the ground at `ground` [m, map frame], would bring. `sweep` then holds what
+    /// is seen.
+    pub fn evaluate(&self, sweep: &mut Sweep, at: usize, ground: f64) -> RawGain {
+        let (x, y) = (at % self.grid.width, at / self.grid.width);
+        let eye = ground + self.view.height_m();
+        sweep.run(&self.grid.blocking(), &self.view.reach, x, y);
+        let seen = &*sweep;
+        let (unexplored, known, quality_sum) = widest(
+            #[inline(always)]
+            || {
+                let unexplored = count_both(seen, &self.grid.unexplored);
+                let known = count_both(seen, &self.grid.known);
+                (unexplored, known, self.improvement(seen, [x, y], eye as f32))
+            },
+        );
+        let zone_sum = self.zones_in(sweep, at, eye);
+        RawGain { unexplored_cells: unexplored, known_cells: known, quality_sum, zone_sum }
     }
 
-    /// What a scan from the cell `at`, with the ground at `ground` [m, map frame], would bring.
-    pub fn evaluate(&self, at: usize, ground: f64) -> RawGain {
-        let eye = ground + self.scanner_height;
+    /// Sum over the known cells in view of the quality expected less the quality so far, improvements only (4.10). Tiles
+    /// so good that nothing seen from here could be better are passed over, which changes nothing.
+    #[inline(always)]
+    fn improvement(&self, seen: &Sweep, place: [usize; 2], eye: f32) -> f64 {
+        let mut sum = 0.0f64;
+        self.for_each_tile(seen, place, eye, |digest, mask, offset, _| {
+            let cell_m = self.grid.cell_m as f32;
+            sum += f64::from(self.view.quality.improvement(&digest.cells, mask, offset, cell_m));
+        });
+        sum
+    }
+
+    /// Calls `visit` with every tile in view that could become better: its digest, which of its known cells are seen, where
+    /// it lies, and its first row and column in the grid.
+    #[inline(always)]
+    pub fn for_each_tile(
+        &self,
+        seen: &Sweep,
+        [x, y]: [usize; 2],
+        eye: f32,
+        mut visit: impl FnMut(&TileDigest, &[u16; SIDE], Offset, [usize; 2]),
+    ) {
         let cell_m = self.grid.cell_m as f32;
-        let (mut unexplored, mut known_cells, mut quality_sum) = (0u32, 0u32, 0.0f64);
-        for steps in self.rays.rays() {
-            for step in steps {
-                // Candidates keep the scanner's range from the edge of the grid.
-                let seen = at.wrapping_add_signed(step.offset);
-                let flags = self.grid.flags[seen];
-                if step.is_own {
-                    unexplored += u32::from(flags & PlanningGrid::UNEXPLORED);
-                    if flags & PlanningGrid::KNOWN != 0
-                        && let Some(known) = self.grid.known(seen)
-                    {
-                        known_cells += 1;
-                        let ray = ray(step.dx, step.dy, cell_m, known.height - eye as f32);
-                        quality_sum +=
-                            f64::from((self.quality.expected(&ray, &known.moments) - known.quality).max(0.0));
-                    }
+        let [x0, y0] = seen.origin;
+        for tile_row in 0..seen.seen.rows() / SIDE {
+            let row = y0 + tile_row * SIDE;
+            let dy = row as f32 - y as f32;
+            for group in 0..seen.seen.stride * (WORD / SIDE) {
+                let column = x0 + group * SIDE;
+                let Some(digest) = self.grid.tile(column / SIDE, row / SIDE) else { continue };
+                let dx = column as f32 - x as f32;
+                let apart = |d: f32| d.max(-(d + (SIDE - 1) as f32)).max(0.0);
+                let least_m = cell_m * (apart(dx) * apart(dx) + apart(dy) * apart(dy)).sqrt();
+                if self.view.quality.bound(&digest.bounds, least_m * 0.9999, eye) <= digest.bounds.least_quality {
+                    continue;
                 }
-                if flags & PlanningGrid::BLOCKS != 0 {
-                    break;
+                let (mut mask, mut any) = ([0u16; SIDE], 0);
+                for (k, mask) in mask.iter_mut().enumerate() {
+                    *mask =
+                        seen.seen.sixteen(tile_row * SIDE + k, group) & self.grid.known.sixteen(row + k, column / SIDE);
+                    any |= *mask;
+                }
+                if any != 0 {
+                    visit(digest, &mask, Offset { x: dx * cell_m, y: dy * cell_m, eye }, [column, row]);
                 }
             }
         }
-        RawGain { unexplored_cells: unexplored, known_cells, quality_sum, zone_sum: self.zones_from(at, eye) }
     }
 
-    /// Sum over the zones in range and in view of |v . n_zone| (4.11).
-    fn zones_from(&self, at: usize, eye: f64) -> f64 {
+    /// Sum over the zones in range and in view of |v . n_zone| (4.11). A zone is in view when its cell is.
+    fn zones_in(&self, sweep: &Sweep, at: usize, eye: f64) -> f64 {
         let [x, y] = self.grid.centre(at);
-        let here = self.grid.index(at);
-        let seen = |zone: &&Zone| {
-            let Some(there) = self.grid_cell(zone) else { return false };
-            cells_of_line(here, there)
-                .filter(|&cell| cell != here && cell != there)
-                .all(|cell| self.grid.at(cell).is_none_or(|at| !self.grid.has(at, PlanningGrid::BLOCKS)))
+        let is_seen = |zone: &&Zone| {
+            let cell = CellIndex::containing(zone.centre.x / self.grid.cell_m, zone.centre.y / self.grid.cell_m);
+            let there = cell.and_then(|cell| self.grid.at(cell));
+            there.is_some_and(|there| there == at || sweep.sees(there % self.grid.width, there / self.grid.width))
         };
         let face = |zone: &Zone| {
             let ray = zone.centre.coords - Vector3::new(x, y, eye);
             let range = ray.norm();
             if range > 0.0 { zone.normal.dot(&ray).abs() / range } else { 0.0 }
         };
-        let in_range = |zone: &&Zone| (zone.centre.x - x).hypot(zone.centre.y - y) <= self.range_m;
         // Not `sum`, which makes -0 of nothing.
-        self.zones.iter().filter(in_range).filter(seen).map(face).fold(0.0, |sum, area| sum + area)
-    }
-
-    fn grid_cell(&self, zone: &Zone) -> Option<CellIndex> {
-        let cell_m = self.grid.cell_m;
-        CellIndex::containing(zone.centre.x / cell_m, zone.centre.y / cell_m)
+        self.zones.iter().filter(is_seen).map(face).fold(0.0, |sum, area| sum + area)
     }
 }
 
-fn ray(dx: i16, dy: i16, cell_m: f32, dz: f32) -> Vector3<f32> {
-    Vector3::new(f32::from(dx) * cell_m, f32::from(dy) * cell_m, dz)
+/// The number of cells that are seen and of the plane.
+#[inline(always)]
+fn count_both(seen: &Sweep, plane: &BitPlane) -> u32 {
+    let first = seen.origin[0] / WORD;
+    let stride = seen.seen.stride.min(plane.stride - first);
+    let rows = seen.seen.rows().min(plane.rows() - seen.origin[1]);
+    let mut count = 0;
+    for row in 0..rows {
+        let of_plane = &plane.row(seen.origin[1] + row)[first..first + stride];
+        count += seen.seen.row(row).iter().zip(of_plane).map(|(a, b)| (a & b).count_ones()).sum::<u32>();
+    }
+    count
 }
 
-/// Evaluates every place, on up to `threads` threads. Each place is computed by one thread from the same input, so
+/// Sweeps that wait to be used again, one a thread at work.
+#[derive(Debug, Default)]
+pub(super) struct SweepPool {
+    idle: Mutex<Vec<Sweep>>,
+}
+
+impl SweepPool {
+    pub fn with<R>(&self, work: impl FnOnce(&mut Sweep) -> R) -> R {
+        let mut sweep = self.lock().pop().unwrap_or_default();
+        let result = work(&mut sweep);
+        self.lock().push(sweep);
+        result
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, Vec<Sweep>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Calls `work` for every place on up to `threads` threads. Each place is computed by one thread from the same input, so
 /// the result does not depend on how many there are.
-pub(super) fn evaluate_all(model: &GainModel<'_>, places: &[(usize, f64)], threads: usize) -> Vec<RawGain> {
-    let mut gains = vec![RawGain::default(); places.len()];
-    let pairs = places.iter().zip(&mut gains);
-    threads::for_each(pairs, threads.min(places.len()), |(&(at, ground), gain)| *gain = model.evaluate(at, ground));
-    gains
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn expected(ray: [f32; 3], moments: [f32; 6]) -> f32 {
-        QualityModel::new(&ScannerModel::default()).expected(&Vector3::from(ray), &moments)
-    }
-
-    #[test]
-    fn the_prediction_on_ground_follows_the_calibration_table() {
-        let level = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-        for (distance, d_a) in [(2.0, 1.0), (4.0, 0.50), (5.0, 0.25), (6.0, 0.15), (10.0, 0.03)] {
-            let predicted = expected([distance, 0.0, -1.0], level);
-            assert!((predicted - d_a).abs() < 0.03, "{distance} m: {predicted}");
-        }
-    }
-
-    #[test]
-    fn the_prediction_on_a_facing_wall_falls_under_one_half_near_eight_metres() {
-        let wall = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0];
-        assert!(expected([4.0, 0.0, 0.0], wall) > 0.99);
-        assert!(expected([7.9, 0.0, 0.0], wall) > 0.5 && expected([8.3, 0.0, 0.0], wall) < 0.5);
-    }
-
-    #[test]
-    fn nothing_is_promised_under_the_lowest_beam_or_edge_on() {
-        assert_eq!(expected([0.3, 0.0, -1.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), 0.0);
-        assert_eq!(expected([0.0, 0.0, -1.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), 0.0);
-        assert_eq!(expected([5.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), 0.0);
-    }
+pub(super) fn for_each_place<R: Send>(
+    places: &[(usize, f64)],
+    results: &mut [R],
+    threads: usize,
+    pool: &SweepPool,
+    work: impl Fn(&mut Sweep, usize, f64, &mut R) + Sync,
+) {
+    let pairs = places.iter().zip(results);
+    threads::for_each(pairs, threads.min(places.len()), |(&(at, ground), result)| {
+        pool.with(|sweep| work(sweep, at, ground, result));
+    });
 }

@@ -1,180 +1,238 @@
-//! The part of the information map that a plan looks at, laid out densely for speed.
+//! The part of the information map that a plan looks at, as planes of bits around the robot, so that sweeps work on
+//! whole words of cells. Beyond the map everything is unknown.
 
-use super::config::PlanningConfig;
-use crate::information_map::{CellIndex, CellState, InformationMap, Level, Reach, TILE_SIDE};
+use super::bits::{BitPlane, WORD};
+use super::config::{FootprintRule, PlanningConfig};
+use super::sweep::Blocking;
+use super::tiles::{SIDE, TileCache, TileDigest, TileWindow};
+use crate::information_map::{CellIndex, InformationMap, TILE_SIDE};
 use nalgebra::Point3;
 
-/// Neighbouring levels whose ground differs by more than this are not of the same way [m].
-const MAX_STEP_M: f64 = 0.5;
-
-/// What gain and cost need of a known cell, 40 bytes.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct KnownCell {
-    /// Mean of n n^T (see `NormalStatistics::mean_moments`).
-    pub moments: [f32; 6],
-    /// Mean height of everything seen [m, map frame].
-    pub height: f32,
-    /// Mean height of the ground [m, map frame]; that of everything when there is no ground.
-    pub ground: f32,
-    /// Q_a (4.5).
-    pub quality: f32,
-    /// C_nc (4.4).
-    pub navigability: f32,
-}
-
-/// Dense flags over the known world around the robot, with a margin of the scanner's range on every side so that
-/// rays need no bounds check. Beyond the map everything is unknown.
+/// The window of a plan: the ground that candidates and paths may use, and the scanner's range around it, so that no
+/// sweep needs a check of its bounds.
+#[derive(Debug, Default)]
 pub(super) struct PlanningGrid {
-    low: CellIndex,
-    /// Cells along x.
+    window: TileWindow,
+    /// Cells along x, a multiple of 64.
     pub width: usize,
-    /// Cells along y.
+    /// Cells along y, a multiple of 64.
     pub height: usize,
     /// Side of a cell [m].
     pub cell_m: f64,
-    /// Cells of margin.
-    pub margin: usize,
-    pub flags: Vec<u8>,
-    slots: Vec<u32>,
-    known: Vec<KnownCell>,
+    tiles: TileCache,
+    /// Slots of the tiles of the window.
+    table: Vec<u32>,
+    /// What the planes were laid out for.
+    laid_out: Option<(Extent, PlanningConfig)>,
+    /// C_nc under the sight threshold: blocks the view, is an obstacle. Rows of constant y.
+    pub blocks: BitPlane,
+    /// The same, rows of constant x.
+    blocks_by_column: BitPlane,
+    /// Known cells in the work area.
+    pub known: BitPlane,
+    /// Cells of the work area of which nothing was ever seen.
+    pub unexplored: BitPlane,
+    /// C_nc over the navigable threshold, near enough to be driven to (wherever the work area is).
+    pub navigable: BitPlane,
+    /// In the work area.
+    pub area: BitPlane,
+    /// The footprint would touch an obstacle, or what its rule forbids.
+    pub cramped: BitPlane,
+    scratch: BitPlane,
+}
+
+/// What a window is laid out for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Extent {
+    window: TileWindow,
+    /// Cells that can be driven to lie between these, both included.
+    near: [CellIndex; 2],
+    /// From here levels are reached [m, map frame].
+    robot: Point3<f64>,
+}
+
+impl Extent {
+    /// Ground to `reach_m` from the robot along each axis, and the scanner's range around it. `None` when the robot is
+    /// not on the map's plane.
+    pub fn new(map: &InformationMap, robot: &Point3<f64>, reach_m: f64, config: &PlanningConfig) -> Option<Self> {
+        let here = map.cell_containing(robot.x, robot.y)?;
+        let cells = |metres: f64| (metres / map.cell_m()).ceil() as i32;
+        let reach = cells(reach_m.max(config.start_clearance_m));
+        let margin = cells(config.scanner.range_m).max(cells(config.footprint_radius_m)) + 2;
+        let tiles = |low: i32, high: i32| {
+            let (first, last) = (low.div_euclid(TILE_SIDE), high.div_euclid(TILE_SIDE));
+            // Whole words of cells, which a row of four tiles is.
+            (first, ((last - first + 1) as usize).next_multiple_of(WORD / SIDE))
+        };
+        let (low_x, cols) = tiles(here.x - reach - margin, here.x + reach + margin);
+        let (low_y, rows) = tiles(here.y - reach - margin, here.y + reach + margin);
+        let near = [-reach, reach].map(|by| CellIndex { x: here.x + by, y: here.y + by });
+        Some(Self { window: TileWindow { low: [low_x, low_y], cols, rows }, near, robot: *robot })
+    }
+
+    /// Whether the map has tiles that the window leaves out.
+    pub fn leaves_out_some_of(&self, map: &InformationMap) -> bool {
+        map.tile_bounds().is_some_and(|(low, high)| {
+            let (first, last) = (self.near[0].tile(), self.near[1].tile());
+            low.x < first.x || low.y < first.y || high.x > last.x || high.y > last.y
+        })
+    }
 }
 
 impl PlanningGrid {
-    /// Nothing was ever seen here, and it lies in the work area.
-    pub const UNEXPLORED: u8 = 1;
-    /// A known cell in the work area.
-    pub const KNOWN: u8 = 2;
-    /// C_nc under the sight threshold: blocks the view, is an obstacle.
-    pub const BLOCKS: u8 = 4;
-    /// C_nc over the navigable threshold, within the horizon (wherever the work area is).
-    pub const NAVIGABLE: u8 = 8;
-    /// In the work area.
-    pub const IN_AREA: u8 = 16;
-    /// The footprint would touch an obstacle.
-    pub const CRAMPED: u8 = 32;
-
-    /// `None` when the robot is not on the map plane.
-    pub fn new(map: &InformationMap, robot: &Point3<f64>, config: &PlanningConfig) -> Option<Self> {
-        let here = map.cell_containing(robot.x, robot.y)?;
-        let cells = |metres: f64| (metres / map.cell_m()).ceil() as i32;
-        let (range, horizon) = (cells(config.scanner.range_m), cells(config.horizon_m));
-        let margin = range.max(cells(config.footprint_radius_m)) + 2;
-        let reach = horizon + range;
-        let (mut low, mut high) = (here, here);
-        if let Some((first, last)) = map.tile_bounds() {
-            let window = |tile: i32, at: i32| (tile * TILE_SIDE).clamp(at - reach, at + reach);
-            low = CellIndex { x: here.x.min(window(first.x, here.x)), y: here.y.min(window(first.y, here.y)) };
-            high = CellIndex { x: here.x.max(window(last.x + 1, here.x)), y: here.y.max(window(last.y + 1, here.y)) };
+    /// Lays out the window, unless that is done. `config` is without preferences. Returns whether anything the layout
+    /// depends on has changed since the last call.
+    pub fn lay_out(&mut self, map: &InformationMap, extent: &Extent, config: &PlanningConfig, threads: usize) -> bool {
+        let is_same = self.laid_out.as_ref().is_some_and(|(of, with)| of == extent && with == config);
+        self.window = extent.window;
+        (self.width, self.height) = (extent.window.cols * SIDE, extent.window.rows * SIDE);
+        self.cell_m = map.cell_m();
+        let has_changed = self.tiles.update(map, &self.window, &extent.robot, config, threads, &mut self.table);
+        if is_same && !has_changed {
+            return false;
         }
-        let low = CellIndex { x: low.x - margin, y: low.y - margin };
-        let (width, height) = ((high.x + margin - low.x + 1) as usize, (high.y + margin - low.y + 1) as usize);
-        let mut grid = Self {
-            low,
-            width,
-            height,
-            cell_m: map.cell_m(),
-            margin: margin as usize,
-            flags: vec![Self::UNEXPLORED | Self::IN_AREA; width * height],
-            slots: vec![u32::MAX; width * height],
-            known: Vec::new(),
-        };
-        grid.mark_area(config);
-        grid.add_known(map, robot, here, (horizon, reach), config);
-        grid.mark_cramped(config.footprint_radius_m);
-        Some(grid)
+        self.mark_area(config);
+        self.gather();
+        self.keep_near(extent);
+        self.mark_cramped(config);
+        self.laid_out = Some((*extent, config.clone()));
+        true
     }
 
+    /// The work area is a rectangle, so a row and a column are in it or not.
     fn mark_area(&mut self, config: &PlanningConfig) {
-        if config.work_area.is_none() {
-            return;
+        let stride = self.width / WORD;
+        self.area.reset(self.height, stride, u64::MAX);
+        let Some(area) = config.work_area else { return };
+        let is_in = |axis: usize, cell: i32| {
+            let middle = (f64::from(cell) + 0.5) * self.cell_m;
+            (area.min[axis]..=area.max[axis]).contains(&middle)
+        };
+        let corner = self.corner();
+        let mut columns = vec![0u64; stride];
+        for bit in (0..self.width).filter(|&bit| is_in(0, corner.x + bit as i32)) {
+            columns[bit / WORD] |= 1 << (bit % WORD);
         }
-        for at in 0..self.flags.len() {
-            if !config.is_in_work_area(self.centre(at)) {
-                self.flags[at] = 0;
+        for row in 0..self.height {
+            let is_row_in = is_in(1, corner.y + row as i32);
+            for (word, column) in self.area.row_mut(row).iter_mut().zip(&columns) {
+                *word = if is_row_in { *column } else { 0 };
             }
         }
     }
 
-    /// Every known cell at the level the robot would be on there.
-    fn add_known(
-        &mut self,
-        map: &InformationMap,
-        robot: &Point3<f64>,
-        here: CellIndex,
-        (horizon, reach): (i32, i32),
-        config: &PlanningConfig,
-    ) {
-        let (weight, clearance) = (map.config().obstacle_weight, map.config().clearance_m);
-        let mut several = Vec::new();
-        for (index, cell) in map.known_cells() {
-            let away = (index.x - here.x).abs().max((index.y - here.y).abs());
-            if away < reach {
-                let levels = cell.levels(clearance);
-                if let Some(lowest) = levels.as_slice().first() {
-                    self.add(index, lowest, weight, away <= horizon, config);
+    /// Puts the tiles' bits in their places.
+    fn gather(&mut self) {
+        let (height, stride) = (self.height, self.width / WORD);
+        for plane in [&mut self.blocks, &mut self.known, &mut self.navigable] {
+            plane.reset(height, stride, 0);
+        }
+        for (place, &slot) in self.table.iter().enumerate() {
+            let Some(digest) = self.tiles.digest(slot) else { continue };
+            let (first_row, group) = (place / self.window.cols * SIDE, place % self.window.cols);
+            for k in 0..SIDE {
+                self.blocks.or_sixteen(first_row + k, group, digest.blocks[k]);
+                self.known.or_sixteen(first_row + k, group, digest.known[k]);
+                self.navigable.or_sixteen(first_row + k, group, digest.navigable[k]);
+            }
+        }
+        self.unexplored.reset(height, stride, 0);
+        let known = self.known.words.iter_mut().zip(&mut self.unexplored.words);
+        for ((known, unexplored), area) in known.zip(&self.area.words) {
+            *unexplored = !*known & area;
+            *known &= area;
+        }
+        self.blocks_by_column.reset(self.width, height / WORD, 0);
+        self.blocks.or_transposed_into(&mut self.blocks_by_column);
+    }
+
+    /// Lets go of navigable cells beyond the reach.
+    fn keep_near(&mut self, extent: &Extent) {
+        let corner = self.corner();
+        let bit = |end: usize| (extent.near[end].x - corner.x) as usize;
+        let row = |end: usize| (extent.near[end].y - corner.y) as usize;
+        let mut columns = BitPlane::default();
+        columns.reset(1, self.navigable.stride, 0);
+        columns.set_range(0, bit(0), bit(1));
+        for at in 0..self.height {
+            let is_near = (row(0)..=row(1)).contains(&at);
+            for (word, column) in self.navigable.row_mut(at).iter_mut().zip(&columns.words) {
+                *word &= if is_near { *column } else { 0 };
+            }
+        }
+    }
+
+    /// Marks every cell that has an obstacle's middle within the footprint's radius of its own, and by the strict rule
+    /// also those that have any cell there that is not proven ground.
+    fn mark_cramped(&mut self, config: &PlanningConfig) {
+        let radius = config.footprint_radius_m / self.cell_m;
+        match config.footprint {
+            FootprintRule::Clear => self.blocks.dilate_into(radius, &mut self.cramped),
+            FootprintRule::Verified => {
+                self.scratch.reset(self.height, self.navigable.stride, 0);
+                for (out, word) in self.scratch.words.iter_mut().zip(&self.navigable.words) {
+                    *out = !word;
                 }
-                if levels.as_slice().len() > 1 {
-                    several.push((index, cell, away <= horizon));
-                }
-            }
-        }
-        if several.is_empty() {
-            return;
-        }
-        let choice = map.choose_levels(&Reach {
-            robot: *robot,
-            window_m: f64::from(reach) * map.cell_m(),
-            start_m: config.start_clearance_m,
-            max_step_m: MAX_STEP_M,
-            navigable_threshold: config.navigable_threshold,
-        });
-        for (index, cell, in_horizon) in several {
-            let levels = cell.levels(clearance);
-            if let Some(level) = choice.pick(index, &levels) {
-                self.add(index, level, weight, in_horizon, config);
+                self.scratch.dilate_into(radius, &mut self.cramped);
             }
         }
     }
 
-    fn add(&mut self, index: CellIndex, level: &Level, weight: f64, in_horizon: bool, config: &PlanningConfig) {
-        let (Some(at), CellState::Known(navigability)) = (self.at(index), level.state(weight)) else { return };
-        let evidence = &level.evidence;
-        let mut flags = self.flags[at] & Self::IN_AREA;
-        if flags != 0 {
-            flags |= Self::KNOWN;
-        }
-        if navigability < config.sight_threshold {
-            flags |= Self::BLOCKS;
-        }
-        if navigability > config.navigable_threshold && in_horizon {
-            flags |= Self::NAVIGABLE;
-        }
-        self.flags[at] = flags;
-        self.slots[at] = self.known.len() as u32;
-        let height = evidence.height().unwrap_or(0.0);
-        self.known.push(KnownCell {
-            moments: evidence.mean_moments(),
-            height: height as f32,
-            ground: evidence.ground_height().unwrap_or(height) as f32,
-            quality: evidence.quality().unwrap_or(0.0) as f32,
-            navigability: navigability as f32,
-        });
+    fn corner(&self) -> CellIndex {
+        CellIndex { x: self.window.low[0] * TILE_SIDE, y: self.window.low[1] * TILE_SIDE }
     }
 
-    /// Marks every cell that has an obstacle's centre within the footprint's radius of its own.
-    fn mark_cramped(&mut self, radius_m: f64) {
-        let disc = self.disc(radius_m);
-        for at in 0..self.flags.len() {
-            if self.flags[at] & Self::BLOCKS != 0 {
-                for offset in &disc {
-                    // Obstacles lie inside the margin, which is wider than the disc.
-                    self.flags[at.wrapping_add_signed(*offset)] |= Self::CRAMPED;
-                }
-            }
-        }
+    /// What sweeps read.
+    pub fn blocking(&self) -> Blocking<'_> {
+        Blocking { rows: &self.blocks, columns: &self.blocks_by_column }
     }
 
-    /// Offsets to all cells whose centres lie within `radius_m`, this cell included.
+    /// The number of cells.
+    pub fn len(&self) -> usize {
+        self.width * self.height
+    }
+
+    /// The place of a cell in arrays over the window, or `None` outside.
+    pub fn at(&self, index: CellIndex) -> Option<usize> {
+        let corner = self.corner();
+        let (x, y) = (i64::from(index.x) - i64::from(corner.x), i64::from(index.y) - i64::from(corner.y));
+        let inside = (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y);
+        inside.then(|| y as usize * self.width + x as usize)
+    }
+
+    /// The cell at a place.
+    pub fn index(&self, at: usize) -> CellIndex {
+        let corner = self.corner();
+        CellIndex { x: corner.x + (at % self.width) as i32, y: corner.y + (at / self.width) as i32 }
+    }
+
+    /// The centre of a cell [m, map frame].
+    pub fn centre(&self, at: usize) -> [f64; 2] {
+        let index = self.index(at);
+        [index.x, index.y].map(|i| (f64::from(i) + 0.5) * self.cell_m)
+    }
+
+    /// Whether a plane of this grid has the cell's bit.
+    pub fn has(&self, plane: &BitPlane, at: usize) -> bool {
+        plane.has(at / self.width, at % self.width)
+    }
+
+    /// The tile over a group of sixteen columns and sixteen rows.
+    pub fn tile(&self, group: usize, tile_row: usize) -> Option<&TileDigest> {
+        if group >= self.window.cols || tile_row >= self.window.rows {
+            return None;
+        }
+        self.tiles.digest(self.table[tile_row * self.window.cols + group])
+    }
+
+    /// The tile of a cell that is known, and the cell's place in it.
+    pub fn known_cell(&self, at: usize) -> Option<(&TileDigest, usize)> {
+        let (x, y) = (at % self.width, at / self.width);
+        let digest = self.tile(x / SIDE, y / SIDE)?;
+        (digest.known[y % SIDE] >> (x % SIDE) & 1 == 1).then_some((digest, y % SIDE * SIDE + x % SIDE))
+    }
+
+    /// Offsets, as places, to all cells whose centres lie within `radius_m`, this cell included.
     pub fn disc(&self, radius_m: f64) -> Vec<isize> {
         let radius = radius_m / self.cell_m;
         let reach = radius.floor() as isize;
@@ -185,34 +243,18 @@ impl PlanningGrid {
             .collect()
     }
 
-    /// The place of a cell in the arrays, or `None` outside.
-    pub fn at(&self, index: CellIndex) -> Option<usize> {
-        let (x, y) = (i64::from(index.x) - i64::from(self.low.x), i64::from(index.y) - i64::from(self.low.y));
-        let inside = (0..self.width as i64).contains(&x) && (0..self.height as i64).contains(&y);
-        inside.then(|| y as usize * self.width + x as usize)
-    }
-
-    /// The cell at a place of the arrays.
-    pub fn index(&self, at: usize) -> CellIndex {
-        CellIndex { x: self.low.x + (at % self.width) as i32, y: self.low.y + (at / self.width) as i32 }
-    }
-
-    /// The centre of a cell [m, map frame].
-    pub fn centre(&self, at: usize) -> [f64; 2] {
-        let index = self.index(at);
-        [index.x, index.y].map(|i| (f64::from(i) + 0.5) * self.cell_m)
-    }
-
-    pub fn known(&self, at: usize) -> Option<&KnownCell> {
-        self.known.get(self.slots[at] as usize)
-    }
-
-    pub fn has(&self, at: usize, flag: u8) -> bool {
-        self.flags[at] & flag != 0
-    }
-
-    /// The places that carry a flag, in a fixed order.
-    pub fn with(&self, flag: u8) -> impl Iterator<Item = usize> + '_ {
-        (0..self.flags.len()).filter(move |&at| self.flags[at] & flag != 0)
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        let planes = [
+            &self.blocks,
+            &self.blocks_by_column,
+            &self.known,
+            &self.unexplored,
+            &self.navigable,
+            &self.area,
+            &self.cramped,
+            &self.scratch,
+        ];
+        self.tiles.bytes() + planes.iter().map(|plane| 8 * plane.words.len()).sum::<usize>() + 4 * self.table.len()
     }
 }

@@ -17,7 +17,7 @@ pub struct RawGain {
 }
 
 /// A place to scan from, with everything that speaks for and against it.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
     /// Position of the robot's base on the ground [m, map frame].
     pub position: [f64; 3],
@@ -47,7 +47,7 @@ pub enum RejectionReason {
     NearObstacle,
     /// No path leads there.
     Unreachable,
-    /// Too near to where the robot stands.
+    /// Too near to where the robot stands, or to where it has scanned if the strategy keeps away from there.
     NearRobot,
     /// Too near to a candidate drawn earlier.
     NearCandidate,
@@ -134,6 +134,10 @@ pub struct ViewPlan {
     pub rejected: Vec<Rejected>,
     /// How many were rejected in all, by reason.
     pub rejections: Rejections,
+    /// Indices of the candidates that are to be visited, in order, the chosen one first. Empty for strategies that look
+    /// one view ahead.
+    #[serde(default)]
+    pub tour: Vec<usize>,
     /// What to do.
     pub decision: Decision,
     /// Waypoints from the robot's cell to the chosen candidate [m, map frame]; empty when stopping. Every straight

@@ -1,8 +1,12 @@
 //! Strategies by name.
 
+use super::exponential::ExponentialGain;
 use super::frontier::Frontier;
+use super::greedy::{Greedy, GreedyTarget};
 use super::multi_criteria::MultiCriteria;
+use super::random::Random;
 use super::strategy::Strategy;
+use super::tour::CoverageTour;
 use thiserror::Error;
 
 /// Makes a strategy in its initial state.
@@ -29,7 +33,15 @@ impl Default for StrategyRegistry {
     fn default() -> Self {
         let mut registry = Self { entries: Vec::new() };
         registry.register("multi_criteria", || Box::new(MultiCriteria));
-        registry.register("frontier", || Box::new(Frontier));
+        registry.register("coverage_tour", || Box::new(CoverageTour));
+        registry.register("frontier", || Box::<Frontier>::default());
+        registry.register("greedy_unvisited", || Box::new(Greedy::new(GreedyTarget::Unvisited)));
+        registry.register("greedy_unscanned", || Box::new(Greedy::new(GreedyTarget::Unscanned)));
+        registry.register("greedy_replanning", || Box::new(Greedy::new(GreedyTarget::Replanning)));
+        registry.register("greedy_informative", || Box::new(Greedy::new(GreedyTarget::Informative)));
+        registry.register("greedy_new_cells", || Box::new(Greedy::new(GreedyTarget::NewCells)));
+        registry.register("exponential_gain", || Box::<ExponentialGain>::default());
+        registry.register("random", || Box::new(Random));
         registry
     }
 }
@@ -65,16 +77,27 @@ mod tests {
     #[test]
     fn an_unknown_name_is_answered_with_the_known_ones() {
         let message = StrategyRegistry::default().create("fronteer").err().unwrap().to_string();
-        assert!(message.contains("fronteer") && message.contains("multi_criteria, frontier"), "{message}");
+        assert!(
+            message.contains("fronteer") && message.contains("multi_criteria, coverage_tour, frontier"),
+            "{message}"
+        );
     }
 
     #[test]
     fn a_strategy_of_ones_own_can_be_added_or_replace_a_built_in() {
         let mut registry = StrategyRegistry::default();
-        registry.register("mine", || Box::new(Frontier));
+        registry.register("mine", || Box::<Frontier>::default());
         registry.register("frontier", || Box::new(MultiCriteria));
         assert_eq!(registry.create("mine").unwrap().name(), "frontier");
         assert_eq!(registry.create("frontier").unwrap().name(), "multi_criteria");
-        assert_eq!(registry.names().count(), 3);
+        assert_eq!(registry.names().count(), StrategyRegistry::default().names().count() + 1);
+    }
+
+    #[test]
+    fn a_strategy_goes_by_the_name_it_is_registered_under() {
+        let registry = StrategyRegistry::default();
+        for name in registry.names() {
+            assert_eq!(registry.create(name).unwrap().name(), name);
+        }
     }
 }

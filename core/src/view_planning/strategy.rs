@@ -2,6 +2,7 @@
 
 use super::config::PlanningConfig;
 use super::plan::ViewPlan;
+use super::workspace::Workspace;
 use crate::geometry::Pose;
 use crate::information_map::InformationMap;
 
@@ -19,11 +20,18 @@ pub struct Situation {
 }
 
 /// Chooses where to scan next. A strategy may keep what it learnt between plans; from the same state, the same input
-/// gives the same plan to the last bit.
+/// gives the same plan to the last bit, whatever the workspace was used for before.
 pub trait Strategy: Send {
     /// The name under which the registry knows it.
     fn name(&self) -> &str;
 
-    /// Decides where to go, or to stop, and says why. `config` has been validated.
-    fn plan(&mut self, map: &InformationMap, situation: &Situation, config: &PlanningConfig) -> ViewPlan;
+    /// Decides where to go, or to stop, and says why. `config` has been validated. `workspace` saves time only: planning
+    /// again on the same map and situation, by other weights or another strategy, finds its candidates evaluated.
+    fn plan(
+        &mut self,
+        workspace: &mut Workspace,
+        map: &InformationMap,
+        situation: &Situation,
+        config: &PlanningConfig,
+    ) -> ViewPlan;
 }

@@ -1,96 +1,77 @@
-//! What every strategy does first: lay out the map, grow the cost tree, start the record.
+//! What every strategy looks at: the ground as the robot sees it from where it stands.
 
 use super::config::PlanningConfig;
 use super::cost_tree::{CostTree, Terrain};
 use super::grid::PlanningGrid;
 use super::path::waypoints;
-use super::plan::{Candidate, Decision, RejectionReason, Rejections, StopReason, ViewPlan};
-use super::strategy::Situation;
-use crate::geometry::rows_from_pose;
-use crate::information_map::InformationMap;
+use super::plan::{Candidate, Decision, RejectionReason, StopReason, ViewPlan};
 use nalgebra::Point3;
 
-/// The ground as the robot sees it from where it stands.
+/// The window, the terrain and the ways over it.
+#[derive(Debug, Default)]
 pub(super) struct Survey {
     pub grid: PlanningGrid,
     pub terrain: Terrain,
     pub tree: CostTree,
     /// The robot's position [m, map frame].
     pub robot: Point3<f64>,
+    pub ground: Ground,
+}
+
+/// The ground that can be driven on, in numbers.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Ground {
+    navigable_cells: usize,
+    reachable_cells: usize,
+    mean_quality: Option<f64>,
 }
 
 impl Survey {
-    /// Lays out the map around the robot. `None` when the pose is not finite or not on the map.
-    pub fn new(map: &InformationMap, situation: &Situation, config: &PlanningConfig) -> Option<Self> {
-        let robot = Point3::from(situation.map_from_robot.translation.vector);
-        if !rows_from_pose(&situation.map_from_robot).iter().all(|v| v.is_finite()) {
-            return None;
-        }
-        let grid = PlanningGrid::new(map, &robot, config)?;
-        let start = grid.at(map.cell_containing(robot.x, robot.y)?)?;
-        let terrain = terrain(&grid, start, config);
-        let tree = CostTree::grow(&terrain, start);
-        Some(Self { grid, terrain, tree, robot })
+    /// Grows the ways over a grid that has just been laid out.
+    pub fn grow(&mut self, start: usize, robot: Point3<f64>, config: &PlanningConfig) {
+        self.robot = robot;
+        self.lay_terrain(start, config);
+        self.tree.grow(&self.terrain, start);
+        self.ground = self.count();
     }
 
     /// Whether a candidate may stand here, apart from its neighbours; if not, why.
     pub fn check(&self, at: usize) -> Result<f64, RejectionReason> {
-        if !self.grid.has(at, PlanningGrid::IN_AREA) {
+        if !self.grid.has(&self.grid.area, at) {
             return Err(RejectionReason::OutsideArea);
         }
-        if self.grid.has(at, PlanningGrid::CRAMPED) {
+        if self.grid.has(&self.grid.cramped, at) {
             return Err(RejectionReason::NearObstacle);
         }
         self.tree.cost(at).ok_or(RejectionReason::Unreachable)
     }
 
     /// Height of the ground [m, map frame]; where it is not known, that under the robot.
-    pub fn ground(&self, at: usize) -> f64 {
-        self.grid.known(at).map_or(self.robot.z, |known| f64::from(known.ground))
+    pub fn ground_at(&self, at: usize) -> f64 {
+        let known = self.grid.known_cell(at);
+        known.map_or(self.robot.z, |(digest, within)| f64::from(digest.cells.ground[within]))
     }
 
     /// The centre of a cell on the ground [m, map frame].
     pub fn position(&self, at: usize) -> [f64; 3] {
         let [x, y] = self.grid.centre(at);
-        [x, y, self.ground(at)]
+        [x, y, self.ground_at(at)]
     }
 
     /// A candidate without any gain yet.
     pub fn candidate(&self, at: usize, cost: f64) -> Candidate {
-        let path = self.tree.path_to(at);
-        let heading = match path.as_slice() {
-            [.., before, last] => {
-                let (from, to) = (self.grid.centre(*before), self.grid.centre(*last));
-                (to[1] - from[1]).atan2(to[0] - from[0])
-            }
-            _ => 0.0,
-        };
-        Candidate {
-            position: self.position(at),
-            heading,
-            information: 0.0,
-            quality: 0.0,
-            zones: 0.0,
-            cost,
-            utility: 0.0,
-            raw: Default::default(),
-        }
+        let before = self.tree.parent(at).map(|before| self.grid.centre(before));
+        let to = self.grid.centre(at);
+        let heading = before.map_or(0.0, |from| (to[1] - from[1]).atan2(to[0] - from[0]));
+        Candidate { position: self.position(at), heading, cost, ..Candidate::default() }
     }
 
     /// An empty record that knows the ground; its decision is the reason why there are no candidates.
     pub fn record(&self, plan: &mut ViewPlan) {
-        let (mut navigable, mut reachable, mut quality) = (0, 0, 0.0);
-        for at in self.grid.with(PlanningGrid::NAVIGABLE) {
-            navigable += 1;
-            if let (Some(_), Some(known)) = (self.tree.cost(at), self.grid.known(at)) {
-                reachable += 1;
-                quality += f64::from(known.quality);
-            }
-        }
-        plan.navigable_cells = navigable;
-        plan.reachable_cells = reachable;
-        plan.mean_quality = (reachable > 0).then(|| quality / reachable as f64);
-        let reason = match (navigable, reachable) {
+        let Ground { navigable_cells, reachable_cells, mean_quality } = self.ground;
+        (plan.navigable_cells, plan.reachable_cells) = (navigable_cells, reachable_cells);
+        plan.mean_quality = mean_quality;
+        let reason = match (navigable_cells, reachable_cells) {
             (0, _) => StopReason::NoNavigableGround,
             (_, 0) => StopReason::NothingReachable,
             _ => StopReason::NoCandidate,
@@ -102,49 +83,54 @@ impl Survey {
     pub fn path_to(&self, at: usize) -> Vec<[f64; 3]> {
         waypoints(self, &self.tree.path_to(at))
     }
-}
 
-/// A plan that says the robot is lost, to be filled in by who knows better.
-pub(super) fn empty_plan(name: &str, map: &InformationMap, situation: &Situation, config: &PlanningConfig) -> ViewPlan {
-    ViewPlan {
-        strategy: name.to_owned(),
-        map_revision: map.revision(),
-        scan_number: situation.scan_number,
-        run_seed: situation.run_seed,
-        map_from_robot: rows_from_pose(&situation.map_from_robot),
-        config: config.clone(),
-        stop_threshold: config.stop_threshold(),
-        mean_quality: None,
-        navigable_cells: 0,
-        reachable_cells: 0,
-        candidates: Vec::new(),
-        rejected: Vec::new(),
-        rejections: Rejections::default(),
-        decision: Decision::Stop { reason: StopReason::LocalisationLost },
-        path: Vec::new(),
-    }
-}
-
-/// Ground that can be driven on: in the work area, C_nc over the threshold, room for the footprint. Around the start
-/// the robot has proven the ground by standing there, so whatever is not an obstacle passes, at the cost of ground
-/// that just passes; without this the blind spot under the scanner would lock the robot in.
-fn terrain(grid: &PlanningGrid, start: usize, config: &PlanningConfig) -> Terrain {
-    let is_free = |flags: u8| {
-        let asked = PlanningGrid::NAVIGABLE | PlanningGrid::IN_AREA;
-        flags & asked == asked && flags & PlanningGrid::CRAMPED == 0
-    };
-    let mut slowness: Vec<f64> =
-        grid.flags.iter().map(|&flags| if is_free(flags) { 1.0 } else { f64::INFINITY }).collect();
-    for (at, slowness) in slowness.iter_mut().enumerate().filter(|(_, slowness)| slowness.is_finite()) {
-        *slowness = grid.known(at).map_or(f64::INFINITY, |known| 1.0 / f64::from(known.navigability));
-    }
-    let worst = 1.0 / config.navigable_threshold;
-    for offset in grid.disc(config.start_clearance_m.min(grid.margin as f64 * grid.cell_m)) {
-        let at = start.wrapping_add_signed(offset);
-        if slowness.get(at).is_some_and(|s| s.is_infinite()) && !grid.has(at, PlanningGrid::BLOCKS) {
-            slowness[at] = worst;
+    fn count(&self) -> Ground {
+        let (mut navigable_cells, mut reachable_cells, mut quality) = (0, 0, 0.0);
+        for at in self.grid.navigable.ones() {
+            navigable_cells += 1;
+            if self.tree.cost(at).is_some()
+                && let Some((digest, within)) = self.grid.known_cell(at)
+            {
+                reachable_cells += 1;
+                quality += f64::from(digest.cells.quality[within]);
+            }
         }
+        let mean_quality = (reachable_cells > 0).then(|| quality / reachable_cells as f64);
+        Ground { navigable_cells, reachable_cells, mean_quality }
     }
-    slowness[start] = slowness[start].min(worst);
-    Terrain { width: grid.width, height: grid.height, cell_m: grid.cell_m, slowness }
+
+    /// Ground that can be driven on: in the work area, C_nc over the threshold, room for the footprint. Around the start
+    /// the robot has proven the ground by standing there, so whatever is not an obstacle passes, at the cost of ground
+    /// that just passes; without this the blind spot under the scanner would lock the robot in.
+    fn lay_terrain(&mut self, start: usize, config: &PlanningConfig) {
+        let grid = &self.grid;
+        let terrain = &mut self.terrain;
+        (terrain.width, terrain.cell_m) = (grid.width, grid.cell_m);
+        terrain.slowness.clear();
+        terrain.slowness.resize(grid.len(), f32::INFINITY);
+        let planes = grid.navigable.words.iter().zip(&grid.area.words).zip(&grid.cramped.words);
+        for (word, ((navigable, area), cramped)) in planes.enumerate() {
+            let mut free = navigable & area & !cramped;
+            while free != 0 {
+                let at = word * super::bits::WORD + free.trailing_zeros() as usize;
+                free &= free - 1;
+                if let Some((digest, within)) = grid.known_cell(at) {
+                    terrain.slowness[at] = 1.0 / digest.cells.navigability[within];
+                }
+            }
+        }
+        let worst = 1.0 / config.navigable_threshold as f32;
+        for offset in grid.disc(config.start_clearance_m) {
+            let at = start.wrapping_add_signed(offset);
+            if terrain.slowness[at].is_infinite() && !grid.has(&grid.blocks, at) {
+                terrain.slowness[at] = worst;
+            }
+        }
+        terrain.slowness[start] = terrain.slowness[start].min(worst);
+    }
+
+    /// Bytes held.
+    pub fn bytes(&self) -> usize {
+        self.grid.bytes() + self.tree.bytes() + 4 * self.terrain.slowness.capacity()
+    }
 }

@@ -13,9 +13,8 @@ pub(crate) fn plan_meta(plan: &ViewPlan) -> ViewPlanMeta {
     let weights = &plan.config.weights;
     let (decision, chosen, code, reason) = match plan.decision {
         Decision::Go { candidate } => {
-            let utility = plan.candidates.get(candidate).map_or(0.0, |c| c.utility);
-            let reason = format!("the best of {} candidates, utility {utility:.4}", plan.candidates.len());
-            (DECISION_GO, candidate as u32, "best_utility", reason)
+            let (code, reason) = go_reason(plan, candidate);
+            (DECISION_GO, candidate as u32, code, reason)
         }
         Decision::Stop { reason } => {
             let (code, words) = stop_reason(reason);
@@ -37,6 +36,20 @@ pub(crate) fn plan_meta(plan: &ViewPlan) -> ViewPlanMeta {
         reason: text::pack(&reason),
         ..ViewPlanMeta::default()
     }
+}
+
+/// Why this candidate: by its utility, as the first of a tour, or by the strategy's own choice.
+fn go_reason(plan: &ViewPlan, candidate: usize) -> (&'static str, String) {
+    let of = plan.candidates.len();
+    let utility = plan.candidates.get(candidate).map_or(0.0, |c| c.utility);
+    if !plan.tour.is_empty() {
+        let reason = format!("the first of a tour of {} views out of {of} candidates", plan.tour.len());
+        return ("first_of_tour", reason);
+    }
+    if plan.candidates.iter().all(|c| c.utility <= utility) {
+        return ("best_utility", format!("the best of {of} candidates, utility {utility:.4}"));
+    }
+    ("chosen", format!("chosen by {} among {of} candidates, utility {utility:.4}", plan.strategy))
 }
 
 /// Length of a path [m].
@@ -184,6 +197,23 @@ mod tests {
     fn a_path_is_as_long_as_its_pieces() {
         assert_eq!(length(&[]), 0.0);
         assert_eq!(length(&[[0.0; 3], [3.0, 4.0, 0.0], [3.0, 4.0, 2.0]]), 7.0);
+    }
+
+    #[test]
+    fn a_choice_names_its_reason() {
+        use mirador_core::geometry::Pose;
+        use mirador_core::information_map::MapConfig;
+        use mirador_core::view_planning::{PlanningConfig, Situation, StrategyRegistry, Workspace};
+        let map = InformationMap::new(MapConfig::default()).unwrap();
+        let situation = Situation { map_from_robot: Pose::identity(), scan_number: 0, run_seed: 0, threads: 1 };
+        let mut strategy = StrategyRegistry::default().create("random").unwrap();
+        let mut plan = strategy.plan(&mut Workspace::new(), &map, &situation, &PlanningConfig::default());
+        let of = |utility| Candidate { utility, ..Candidate::default() };
+        plan.candidates = vec![of(0.5), of(0.7)];
+        assert_eq!(go_reason(&plan, 1), ("best_utility", "the best of 2 candidates, utility 0.7000".into()));
+        assert_eq!(go_reason(&plan, 0), ("chosen", "chosen by random among 2 candidates, utility 0.5000".into()));
+        plan.tour = vec![0, 1];
+        assert_eq!(go_reason(&plan, 0), ("first_of_tour", "the first of a tour of 2 views out of 2 candidates".into()));
     }
 
     #[test]

@@ -218,6 +218,8 @@ pub enum BenchCommand {
     /// From the last beam to the plan through the real processes: every stage, the waiting between them, and the graph's
     /// own share. Scans a scene with the source's scanner; takes --set, --config and --out like a run.
     Pipeline(BenchPipelineArgs),
+    /// Time of a plan, and what strategies achieve in whole explorations.
+    Planning(BenchPlanningArgs),
 }
 
 /// Arguments of `bench pipeline`.
@@ -232,6 +234,32 @@ pub struct BenchPipelineArgs {
     /// Scans that are in the map before the first one that is measured.
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub after: u32,
+}
+
+/// Arguments of `bench planning`.
+#[derive(Debug, Clone, Args)]
+pub struct BenchPlanningArgs {
+    /// Write the figures to this file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Plans timed for each row, 1 to 39 [default: 15].
+    #[arg(long, value_name = "N")]
+    pub repetitions: Option<usize>,
+    /// What to measure: evaluate, growth, exploration [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub cases: Vec<String>,
+    /// Strategies to measure, for example multi_criteria,coverage_tour [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub strategies: Vec<String>,
+    /// Scans of the drive of `growth` [default: 4000].
+    #[arg(long, value_name = "N")]
+    pub growth_scans: Option<usize>,
+    /// Explorations of each strategy in each world [default: 3].
+    #[arg(long, value_name = "N")]
+    pub seeds: Option<u64>,
+    /// Explorations scan with steps this much coarser than 0.5 deg, 1 to 10 [default: 4].
+    #[arg(long, value_name = "N")]
+    pub coarser: Option<usize>,
 }
 
 /// Arguments of `bench registration`.

@@ -6,11 +6,13 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use mirador_bench::BenchReport;
 use mirador_bench::ipc::{self, IpcOptions};
+use mirador_bench::planning::{self, PlanningBenchError, PlanningCase, PlanningOptions};
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
+use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
 use super::bench_pipeline;
-use crate::cli::{BenchPipelineArgs, BenchRegistrationArgs, Common};
+use crate::cli::{BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
 use crate::{EXIT_DONE, Registry, UsageError};
 
 /// Latency between two processes.
@@ -87,6 +89,31 @@ fn registration_options(args: &BenchRegistrationArgs) -> Result<RegistrationOpti
         options.python = None;
     }
     Ok(options)
+}
+
+/// Time of a plan, and what strategies achieve.
+pub fn planning(args: &BenchPlanningArgs, quiet: bool) -> Result<u8> {
+    let wrong = |error: PlanningBenchError| UsageError(error.to_string());
+    let default = PlanningOptions::default();
+    let cases = args.cases.iter().map(|name| name.parse()).collect::<Result<Vec<PlanningCase>, _>>().map_err(wrong)?;
+    let options = PlanningOptions {
+        repetitions: args.repetitions.unwrap_or(default.repetitions),
+        cases: if cases.is_empty() { default.cases } else { cases },
+        strategies: args.strategies.clone(),
+        growth_scans: args.growth_scans.unwrap_or(default.growth_scans),
+        seeds: args.seeds.unwrap_or(default.seeds),
+        coarser: args.coarser.unwrap_or(default.coarser),
+    };
+    let registry = StrategyRegistry::default();
+    options.validate(&registry).map_err(wrong)?;
+    let mut say = |line: &str| {
+        if !quiet {
+            eprintln!("{line}");
+        }
+    };
+    let report = planning::run(&options, &registry, &mut say)?;
+    keep(&report, args.json.as_deref())?;
+    Ok(EXIT_DONE)
 }
 
 /// Prints the table and writes the JSON file, if asked.

@@ -38,6 +38,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
             bench::registration(&args, common.quiet, &registry)
         }
         Some(Command::Bench { what: BenchCommand::Pipeline(args) }) => bench::pipeline(common, &args, &registry),
+        Some(Command::Bench { what: BenchCommand::Planning(args) }) => bench::planning(&args, common.quiet),
         Some(Command::Explain { dir, scan }) => {
             let mut text = Vec::new();
             crate::explain::explain(&dir, scan, &mut text)?;
