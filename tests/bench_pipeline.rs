@@ -22,8 +22,7 @@ fn every_stage_and_gap_of_the_real_graph_is_in_the_file() {
     let report: Value = serde_json::from_str(&std::fs::read_to_string(stage.path("p.json")).unwrap()).unwrap();
     assert_eq!(report["bench"], "pipeline");
     for name in ["surface", "alignment", "analysis", "map", "planning", "end_to_end", "graph_overhead"] {
-        let measured: Vec<_> =
-            rows(&report, name).into_iter().filter(|row| row["provenance"] == "measured").collect();
+        let measured: Vec<_> = rows(&report, name).into_iter().filter(|row| row["provenance"] == "measured").collect();
         let [row] = measured.as_slice() else { panic!("{name}: {measured:?}") };
         assert_eq!((&row["n"], &row["unit"]), (&Value::from(4), &Value::from("ms")), "{row}");
         assert_eq!(row["params"]["scans_in_map"], 2);

@@ -103,8 +103,11 @@ fn a_killed_alignment_corrects_the_same_to_the_last_bit() {
     stage.assert_nothing_left();
 }
 
+/// Tiles by column, row and level.
+type Tiles = BTreeMap<(i32, i32, u32), Box<MapTile>>;
+
 /// The tiles as they are at the end of a recording, by place and level.
-fn final_tiles(reader: &mut RunReader) -> (BTreeMap<(i32, i32, u32), Box<MapTile>>, u32) {
+fn final_tiles(reader: &mut RunReader) -> (Tiles, u32) {
     let (mut tiles, mut moved) = (BTreeMap::new(), 0);
     reader
         .for_each::<topics::InformationMap>(|meta, items| {

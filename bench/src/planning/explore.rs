@@ -14,7 +14,7 @@ use mirador_core::surface::{SurfaceBuilder, SurfaceConfig};
 use mirador_core::view_planning::{
     Decision, PlanningConfig, Situation, StopReason, Strategy, StrategyRegistry, ViewPlan, WorkArea, Workspace,
 };
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use super::PlanningBenchError;
 

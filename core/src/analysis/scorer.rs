@@ -307,8 +307,9 @@ fn neighbour_means(start: usize, offsets: &[isize; 8], links: &[u8; LANES], loca
 
 /// As [`neighbour_means`], at the edges of a grid and without one.
 fn one_by_one(start: usize, len: usize, local: &Local, surface: &Surface) -> [[f32; LANES]; 2] {
-    let mut means = [[0.0; LANES]; 2];
-    for k in 0..len {
+    let [mut navigable_means, mut obstacle_means] = [[0.0; LANES]; 2];
+    let means = navigable_means.iter_mut().zip(&mut obstacle_means);
+    for (k, (navigable_mean, obstacle_mean)) in means.enumerate().take(len) {
         let (mut navigable, mut obstacle, mut count) = (0.0f32, 0.0f32, 0.0f32);
         surface.for_each_neighbour(start + k, |neighbour| {
             if local.state[neighbour] & VALID != 0 {
@@ -318,9 +319,9 @@ fn one_by_one(start: usize, len: usize, local: &Local, surface: &Surface) -> [[f
             }
         });
         let share = 1.0 / count.max(1.0);
-        (means[0][k], means[1][k]) = (navigable * share, obstacle * share);
+        (*navigable_mean, *obstacle_mean) = (navigable * share, obstacle * share);
     }
-    means
+    [navigable_means, obstacle_means]
 }
 
 /// The length of a vector in the plane. (`hypot` guards against overflow, which metres do not need, at ten times the

@@ -124,6 +124,12 @@ impl ScanPoses {
         self.due.len()
     }
 
+    /// Where the map has a scan.
+    #[must_use]
+    pub fn pose(&self, scan: u64) -> Option<&Pose> {
+        self.stands.get(&scan).map(|stand| &stand.is_at)
+    }
+
     /// The scans of the map and where it has them.
     pub fn iter(&self) -> impl Iterator<Item = (u64, &Pose)> + '_ {
         self.stands.iter().map(|(scan, stand)| (*scan, &stand.is_at))

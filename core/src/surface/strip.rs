@@ -209,11 +209,11 @@ impl Strip {
                 range[k] = if inverse[k] > 0.0 { 1.0 / inverse[k] } else { 0.0 };
             }
             let mut place = eight_of_three(&rays, col);
-            for axis in 0..3 {
+            for (axis, values) in place.iter_mut().enumerate() {
                 for k in 0..LANES {
-                    place[axis][k] *= range[k];
+                    values[k] *= range[k];
                 }
-                self.sample[axis].put(full, col, place[axis]);
+                self.sample[axis].put(full, col, *values);
             }
             self.sample[3].put(full, col, inverse);
         }

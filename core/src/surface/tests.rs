@@ -415,7 +415,7 @@ fn shuffled(scan: &TestScan) -> Vec<Point> {
     // A step that has no divisor in common with any length below it: every point once.
     let count = returns.len();
     let step = (count / 2..).find(|step| (2..=*step).take_while(|d| d * d <= *step).all(|d| step % d != 0)).unwrap();
-    assert!(step > 1 && count % step != 0);
+    assert!(step > 1 && !count.is_multiple_of(step));
     (0..count).map(|k| returns[k * step % count]).collect()
 }
 

@@ -3,6 +3,7 @@
 use super::strategy::Strategy;
 use super::test_worlds::{at, config, field, map_of, plan_with};
 use super::*;
+use crate::geometry::Pose;
 use crate::information_map::{
     CellIndex, CellState, InformationMap, MapConfig, Zone, ZoneConfig, cells_touched_by_segment,
 };

@@ -151,7 +151,9 @@ impl TileCache {
             self.digests.iter_mut().zip(&stale).filter_map(|(digest, tile)| tile.map(|tile| (digest, tile))).collect();
         // Tiles that are gone belong to a map that is gone.
         let has_news = !jobs.is_empty();
-        threads::for_each(jobs.into_iter(), threads, |(digest, tile)| digest.read(tile, &rules, &LevelChoice::default()));
+        threads::for_each(jobs.into_iter(), threads, |(digest, tile)| {
+            digest.read(tile, &rules, &LevelChoice::default())
+        });
         let levels_changed = self.choose_levels(map, window, robot, has_news);
         has_news || *table != before || levels_changed
     }

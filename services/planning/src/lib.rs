@@ -9,6 +9,7 @@ mod corrections;
 mod inbox;
 mod messages;
 mod outbox;
+mod replan;
 mod scan_file;
 mod service;
 mod state;

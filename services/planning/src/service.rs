@@ -4,12 +4,13 @@ use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, pose_from_rows, rows_from_pose};
 use mirador_core::information_map::{Condenser, Correction};
-use mirador_core::view_planning::{Situation, Strategy, StrategyRegistry};
+use mirador_core::view_planning::{PlanningConfig, Situation, Strategy, StrategyRegistry, Workspace};
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_REJECTED, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, ViewPlanMeta,
+    ALIGNMENT_REJECTED, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, ReplanRequest,
+    ViewPlanMeta,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Wakeable, clock};
+use mirador_ipc_schema::{Participant, Subscriber, Wakeable, clock, topics};
 use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -17,7 +18,7 @@ use crate::corrections::Corrections;
 use crate::inbox::{Inbox, Step};
 use crate::outbox::{Outbox, TileNews};
 use crate::state::{self, KeptMap, Progress};
-use crate::{PlanningServiceConfig, messages};
+use crate::{PlanningServiceConfig, messages, replan};
 
 /// Plans after every scan of the run until the process is stopped.
 ///
@@ -42,6 +43,7 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
             }
             planning.take_in(&participant, &step)?;
         }
+        planning.answer_requests()?;
         planning.outbox.serve_late_joiners();
         planning.health.heartbeat(&participant);
     }
@@ -58,6 +60,8 @@ struct Planning<'a> {
     kept: KeptMap,
     condenser: Condenser,
     strategy: Box<dyn Strategy>,
+    workspace: Workspace,
+    requests: Subscriber<topics::ReplanRequests>,
     progress: Progress,
     /// When the last plan was out.
     planned_at: Instant,
@@ -90,6 +94,8 @@ impl<'a> Planning<'a> {
             kept,
             condenser: Condenser::new(),
             strategy,
+            workspace: Workspace::new(),
+            requests: participant.subscriber()?,
             progress,
             planned_at: Instant::now(),
             moved: 0,
@@ -112,6 +118,7 @@ impl<'a> Planning<'a> {
     fn wait(&mut self, participant: &Participant) {
         let mut ports = self.inbox.awaited();
         ports.extend(self.corrections.awaited() as [&dyn Wakeable; 2]);
+        ports.push(&self.requests);
         let timeout = if self.kept.poses.due() > 0 { Duration::ZERO } else { HEARTBEAT };
         participant.wait(&ports, timeout);
     }
@@ -193,7 +200,13 @@ impl<'a> Planning<'a> {
         if step.alignment.status != ALIGNMENT_REJECTED {
             self.update_map(number, step, &map_from_scanner).map_err(work)?;
         }
-        self.decide(step, &map_from_scanner, header, begin.elapsed())?;
+        let basis = Basis {
+            scan_sent_ns: step.scan.header().sent_ns,
+            map_from_scanner,
+            ground_height_m: step.scores.meta().ground_height_m,
+        };
+        self.decide(&basis, None, header, begin.elapsed())?;
+        self.progress.ground_height_m = basis.ground_height_m;
         self.planned_at = Instant::now();
         if step.alignment.status != ALIGNMENT_REJECTED {
             // Still the summary of this scan; off the way of the plan, as disks are slow.
@@ -228,29 +241,67 @@ impl<'a> Planning<'a> {
         Ok(())
     }
 
-    /// Plans on the map as it is, and sends the decision and the path.
+    /// Decides again for whoever asked, on the map as it is; a request that makes no sense is refused.
+    fn answer_requests(&mut self) -> Result<(), ServiceError> {
+        while let Some(message) = self.requests.receive()? {
+            for request in message.items() {
+                self.answer(request)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn answer(&mut self, request: &ReplanRequest) -> Result<(), ServiceError> {
+        let Some((last, _)) = messages::from_bytes::<ViewPlanMeta, CandidateView>(&self.progress.last_plan) else {
+            tracing::warn!("asked to plan again, but nothing was planned on yet");
+            return Ok(());
+        };
+        let settings = match replan::settings(&self.config.view, request) {
+            Ok(settings) => settings,
+            Err(reason) => {
+                tracing::warn!(reason, "asked to plan again; refused");
+                return Ok(());
+            }
+        };
+        // Where the map has the scan now: it may have been moved since.
+        let stands = self.kept.poses.pose(last.header.scan().into()).copied();
+        let Some(map_from_scanner) = stands.or_else(|| pose_from_rows(&last.map_from_scanner)) else { return Ok(()) };
+        let ground_height_m = self.progress.ground_height_m;
+        let basis = Basis { scan_sent_ns: last.scan_sent_ns, map_from_scanner, ground_height_m };
+        self.decide(&basis, Some(settings), self.progress.header(clock::monotonic_ns()), Duration::ZERO)
+    }
+
+    /// Plans on the map as it is, by the graph's settings or by `other` ones, and sends the decision and the path.
     fn decide(
         &mut self,
-        step: &Step,
-        map_from_scanner: &Pose,
+        basis: &Basis,
+        other: Option<PlanningConfig>,
         header: Header,
         map_time: Duration,
     ) -> Result<(), ServiceError> {
         let begin = Instant::now();
         let map = &self.kept.map;
         let situation = Situation {
-            map_from_robot: robot_pose(map_from_scanner, step.scores.meta().ground_height_m),
-            scan_number: u64::from(step.scan.header().scan()),
+            map_from_robot: robot_pose(&basis.map_from_scanner, basis.ground_height_m),
+            scan_number: u64::from(header.scan()),
             run_seed: self.config.seed,
             threads: self.setup.threads,
         };
-        let plan = self.strategy.plan(map, &situation, &self.config.view);
+        let settings = other.as_ref().unwrap_or(&self.config.view);
+        let plan = if settings.strategy == self.config.view.strategy {
+            self.strategy.plan(&mut self.workspace, map, &situation, settings)
+        } else {
+            let mut strategy = StrategyRegistry::default()
+                .create(&settings.strategy)
+                .map_err(|e| ServiceError::Config(e.to_string()))?;
+            strategy.plan(&mut self.workspace, map, &situation, settings)
+        };
         let known = ViewPlanMeta {
             header,
-            scan_sent_ns: step.scan.header().sent_ns,
+            scan_sent_ns: basis.scan_sent_ns,
             map_ns: nanoseconds(map_time),
             planning_ns: nanoseconds(begin.elapsed()),
-            map_from_scanner: rows_from_pose(map_from_scanner),
+            map_from_scanner: rows_from_pose(&basis.map_from_scanner),
             cells_known: map.known_cells().count() as u32,
             zones: map.zones().len() as u32,
             map_tiles: map.tiles().count() as u32,
@@ -270,6 +321,15 @@ impl<'a> Planning<'a> {
         self.moved = 0;
         Ok(())
     }
+}
+
+/// What a decision is taken on beside the map.
+struct Basis {
+    /// When the scan was sent, CLOCK_MONOTONIC [ns].
+    scan_sent_ns: u64,
+    map_from_scanner: Pose,
+    /// Height of the ground under the robot relative to the scanner [m].
+    ground_height_m: f64,
 }
 
 /// The robot's base: on the ground under the scanner, upright, heading as the scanner does.

@@ -13,7 +13,7 @@ use crate::PlanningServiceConfig;
 use crate::scan_file::ScanFile;
 
 /// Begins the checkpoint; the last byte is the version.
-const MARK: [u8; 4] = *b"MPS\x01";
+const MARK: [u8; 4] = *b"MPS\x02";
 
 /// Where planning is.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -28,6 +28,8 @@ pub(crate) struct Progress {
     /// history, which dies with the process.
     pub last_plan: Vec<u8>,
     pub last_path: Vec<u8>,
+    /// Height of the ground under the robot at the last scan, relative to the scanner [m].
+    pub ground_height_m: f64,
 }
 
 impl Progress {
@@ -57,6 +59,7 @@ pub(crate) fn save(path: &Path, kept: &KeptMap, progress: &Progress) -> Result<(
     }
     out.extend_from_slice(&progress.last_scan.0.to_le_bytes());
     out.extend_from_slice(&progress.last_scan.1.to_le_bytes());
+    out.extend_from_slice(&progress.ground_height_m.to_le_bytes());
     out.extend_from_slice(&kept.map.revision().to_le_bytes());
     out.extend_from_slice(&(kept.file.places().len() as u64).to_le_bytes());
     for (scan, (at, length)) in kept.file.places() {
@@ -130,6 +133,7 @@ fn parse(body: &[u8]) -> Option<Saved> {
     let mut rest = body;
     let [planned_scans, finished_scans, clock] = [(); 3].map(|()| take(&mut rest).map(u32::from_le_bytes));
     let last_scan = (u64::from_le_bytes(take(&mut rest)?), i64::from_le_bytes(take(&mut rest)?), clock?);
+    let ground_height_m = f64::from_le_bytes(take(&mut rest)?);
     let revision = u64::from_le_bytes(take(&mut rest)?);
     let mut places = BTreeMap::new();
     for _ in 0..u64::from_le_bytes(take(&mut rest)?) {
@@ -140,8 +144,14 @@ fn parse(body: &[u8]) -> Option<Saved> {
     let poses = ScanPoses::read(&mut rest)?;
     let zones = ZoneList::read(&mut rest)?;
     let (last_plan, last_path) = (message(&mut rest)?, message(&mut rest)?);
-    let progress =
-        Progress { planned_scans: planned_scans?, finished_scans: finished_scans?, last_scan, last_plan, last_path };
+    let progress = Progress {
+        planned_scans: planned_scans?,
+        finished_scans: finished_scans?,
+        last_scan,
+        last_plan,
+        last_path,
+        ground_height_m,
+    };
     rest.is_empty().then_some(Saved { progress, revision, places, poses, zones })
 }
 
@@ -196,7 +206,8 @@ mod tests {
         kept.map.move_scan(&evidence, &due.from, &due.to).unwrap();
         kept.poses.moved(&due);
         kept.poses.correct(2, &there, &MoveConfig::default());
-        progress = Progress { planned_scans: 3, finished_scans: 2, last_scan: (7, -8, 9), ..progress };
+        progress =
+            Progress { planned_scans: 3, finished_scans: 2, last_scan: (7, -8, 9), ground_height_m: -1.25, ..progress };
         (progress.last_plan, progress.last_path) = (vec![1; 50], vec![2; 5]);
         save(path, &kept, &progress).unwrap();
         (kept, progress)
