@@ -8,6 +8,7 @@ pub mod ipc;
 mod machine;
 pub mod registration;
 mod report;
+pub mod simulator;
 
 pub use machine::Machine;
 pub use report::{BenchReport, Provenance, Row, Summary};

@@ -200,6 +200,15 @@ pub enum BenchCommand {
     },
     /// Speed and error of every registration method, beside small_gicp, KISS-ICP and GTSAM from PyPI.
     Registration(BenchRegistrationArgs),
+    /// Rays a second, time of a scan and of a step of the physics in every built-in world.
+    Simulator {
+        /// Write the figures to this file.
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Runs of every case, apart from one for warming up.
+        #[arg(long, value_name = "N", default_value_t = 11)]
+        repetitions: usize,
+    },
 }
 
 /// Arguments of `bench registration`.

@@ -7,6 +7,7 @@ use anyhow::{Context, Result};
 use mirador_bench::BenchReport;
 use mirador_bench::ipc::{self, IpcOptions};
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
+use mirador_bench::simulator::{self, SimulatorBenchError};
 use mirador_ipc_schema::StopSignal;
 
 use crate::cli::BenchRegistrationArgs;
@@ -51,6 +52,21 @@ pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Regist
     })?;
     keep(&report, args.json.as_deref())?;
     registration::print_comparison(&report, &mut std::io::stdout().lock())?;
+    Ok(EXIT_DONE)
+}
+
+/// Speed of the simulator.
+pub fn simulator(json: Option<&Path>, repetitions: usize, quiet: bool) -> Result<u8> {
+    let mut say = |line: &str| {
+        if !quiet {
+            eprintln!("{line}");
+        }
+    };
+    let report = simulator::run(repetitions, &mut say).map_err(|error| match error {
+        SimulatorBenchError::NoRepetitions => anyhow::Error::new(UsageError(error.to_string())),
+        other => other.into(),
+    })?;
+    keep(&report, json)?;
     Ok(EXIT_DONE)
 }
 
