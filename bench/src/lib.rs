@@ -10,6 +10,7 @@ pub mod map;
 pub mod planning;
 pub mod registration;
 mod report;
+pub mod simulator;
 
 pub use machine::Machine;
 pub use report::{BenchReport, Provenance, Row, Summary};

@@ -3,7 +3,7 @@
 use mirador_core::geometry::{Pose, Twist, exp};
 use mirador_core::scan::{Grid, Point};
 use mirador_core::simulation::{
-    CompiledScene, Label, Placement, ScanPose, ScanSeed, Scanner, ScannerConfig, Scene, SceneObject, Shape,
+    CompiledScene, Label, Origin, Placement, ScanPose, ScanSeed, Scanner, ScannerConfig, Scene, SceneObject, Shape,
     TerrainConfig, Wave, WorkArea,
 };
 use nalgebra::Vector3;
@@ -174,6 +174,10 @@ fn town(streets: usize, length: f64) -> Scene {
             ..TerrainConfig::default()
         },
         objects,
+        models: Vec::new(),
+        robots: Vec::new(),
+        ground_colour: Label::Ground.colour(),
+        origin: Origin::default(),
         start: ScanPose { x: 0.0, y: 0.0, yaw: 0.0 },
         poses: Vec::new(),
     }
@@ -214,7 +218,7 @@ fn house(random: &mut ChaCha8Rng, objects: &mut Vec<SceneObject>, x: f64, y: f64
 }
 
 fn standing(label: Label, shape: Shape, x: f64, y: f64, yaw: f64) -> SceneObject {
-    SceneObject { label, shape, x, y, yaw, placement: Placement::OnGround { above: 0.0 } }
+    SceneObject { label, shape, x, y, yaw, placement: Placement::OnGround { above: 0.0 }, colour: None }
 }
 
 fn uniform(random: &mut ChaCha8Rng) -> f64 {

@@ -1,6 +1,9 @@
 //! The built-in scenes keep what the demo and the tests of scores rely on.
 
-use super::{CompiledScene, ReachConfig, ScanPose, ScanSeed, Scanner, ScannerConfig, Scene, reachable_cells};
+use super::{
+    CellKind, CompiledScene, ReachConfig, ReachableCells, ScanPose, ScanSeed, Scanner, ScannerConfig, Scene,
+    reachable_cells,
+};
 use crate::scan::Point;
 
 const SEED: ScanSeed = ScanSeed { seed: 1, scan: 0 };
@@ -85,4 +88,46 @@ fn the_simple_scene_gives_a_typical_number_of_returns() {
         let ray = scanner.ray(index / 541, index % 541).unwrap();
         assert!(ray.z > -0.15 || point.is_return(), "{index}");
     }
+}
+
+#[test]
+fn the_worlds_are_what_they_are_for() {
+    let cells = |name: &str| {
+        let world = CompiledScene::new(Scene::builtin(name).unwrap()).unwrap();
+        let cells = reachable_cells(&world, &ReachConfig::default(), &world.scene().start).unwrap();
+        (world, cells)
+    };
+    let kinds = |cells: &ReachableCells, kind| cells.kinds.iter().filter(|k| **k == kind).count();
+    let (town, reach) = cells("structured");
+    assert!(reach.contains(-11.0, 20.0) && reach.contains(-32.0, -20.5), "gardens");
+    assert!(reach.contains(-28.2, 12.0) && reach.contains(-16.6, 12.0), "gaps between houses");
+    assert!(kinds(&reach, CellKind::Obstacle) * 5 > reach.kinds.len(), "houses take much of a town");
+    assert!(town.label_counts().iter().filter(|(_, count)| *count > 0).count() >= 7);
+    let (_, reach) = cells("unstructured");
+    let levels = |x, y| reach.heights[reach.index(x, y).unwrap()].len();
+    assert_eq!(levels(-12.0, -5.9), 2, "over and under the bridge in the gorge");
+    assert_eq!(levels(14.0, -24.0), 2, "over and under the overpass");
+    assert!(kinds(&reach, CellKind::Steep) * 10 > reach.kinds.len());
+    let share = reach.count() as f64 / reach.kinds.len() as f64;
+    assert!((0.4..0.8).contains(&share), "{share}");
+    let (_, reach) = cells("field");
+    assert!(reach.count() as f64 > 0.98 * reach.kinds.len() as f64);
+}
+
+#[test]
+fn points_of_a_noise_free_scan_lie_on_the_surfaces() {
+    for name in Scene::builtin_names() {
+        let mut scene = Scene::builtin(name).unwrap();
+        // Grass ends rays before the ground.
+        scene.terrain.grass_m = 0.0;
+        let world = CompiledScene::new(scene).unwrap();
+        for point in scan_in_map(&world, &world.scene().start).iter().step_by(11) {
+            let distance = world.distance_to_surface(point, 1.0).unwrap();
+            assert!(distance <= 2e-5 * (1.0 + point.coords.norm()), "{name}: {distance}");
+        }
+    }
+    let world = CompiledScene::new(Scene::builtin("plane").unwrap()).unwrap();
+    let over = nalgebra::Point3::new(-8.0, 4.0, 0.4);
+    assert!((world.distance_to_surface(&over, 1.0).unwrap() - 0.4).abs() < 1e-5);
+    assert_eq!(world.distance_to_surface(&over, 0.3), None);
 }

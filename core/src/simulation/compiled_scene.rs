@@ -1,24 +1,22 @@
 //! A scene ready for rays: all triangles under one bounding volume hierarchy.
 
 use nalgebra::{Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use parry3d::bounding_volume::Aabb;
 use parry3d::math::Vector;
-use parry3d::partitioning::{Bvh, BvhBuildStrategy};
-use parry3d::query::Ray;
+use parry3d::query::PointQuery;
+use parry3d::shape::Triangle;
 use thiserror::Error;
 
-use super::scene::{Label, Placement, ScanPose, Scene, SceneObject};
+use super::ray_tree::{Corners, NOTHING, Packet, RayTree};
+use super::scene::{Colour, Label, ModelPlacement, Placement, ScanPose, Scene, SceneObject};
 use super::terrain::Terrain;
 use crate::geometry::Pose;
+use crate::simd;
 
 /// How deep things that stand on the ground reach into it [m].
 const FOUNDATION_M: f64 = 1.0;
 
-/// Rays through a shared edge must hit one of its triangles in single precision: barycentric coordinates may fall
-/// below zero by this much, and boxes are widened by [`BOX_MARGIN_M`].
-const EDGE_TOLERANCE: f32 = 1e-6;
-/// How much the triangles' boxes are widened [m].
-const BOX_MARGIN_M: f32 = 1e-4;
+/// Rays that are cast together: two registers of eight.
+pub(super) const LANES: usize = 16;
 
 /// Why a scene cannot be compiled. Scenes read from a file pass these checks with the file's line already.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -58,23 +56,16 @@ pub struct Hit {
     pub triangle: u32,
 }
 
-/// A triangle as the intersection test wants it: a corner and the two edges from it [m], map frame.
-#[derive(Debug, Clone, Copy)]
-struct Triangle {
-    corner: Vector,
-    edge1: Vector,
-    edge2: Vector,
-}
-
 /// The triangles of a scene, what each of them is, and the hierarchy over them. Immutable, shared between threads.
 pub struct CompiledScene {
     scene: Scene,
     terrain: Terrain,
-    triangles: Vec<Triangle>,
+    triangles: Vec<Corners>,
     labels: Vec<Label>,
+    colours: Vec<Colour>,
     /// The ground's triangles come first.
     ground_triangles: usize,
-    bvh: Bvh,
+    tree: RayTree,
 }
 
 impl CompiledScene {
@@ -91,17 +82,28 @@ impl CompiledScene {
         terrain.triangulate(&mut corners);
         let ground_triangles = corners.len();
         let mut labels = vec![Label::Ground; ground_triangles];
+        let mut colours = vec![scene.ground_colour; ground_triangles];
         for object in &scene.objects {
             if !build_object(object, &terrain, &mut corners) {
                 let &SceneObject { label, x, y, .. } = object;
                 return Err(CompileError::Object { scene: scene.name.clone(), label, x, y });
             }
             labels.resize(corners.len(), object.label);
+            colours.resize(corners.len(), object.colour.unwrap_or_else(|| object.label.colour()));
         }
-        let triangles: Vec<_> = corners.iter().map(Triangle::new).collect();
-        let boxes: Vec<_> = triangles.iter().map(Triangle::bounds).collect();
-        let bvh = Bvh::from_leaves(BvhBuildStrategy::Ploc, &boxes);
-        Ok(Self { scene, terrain, triangles, labels, ground_triangles, bvh })
+        for model in &scene.models {
+            if !build_model(model, &terrain, &mut corners) {
+                let &ModelPlacement { label, position: [x, y], .. } = model;
+                return Err(CompileError::Object { scene: scene.name.clone(), label, x, y });
+            }
+            let own = model.colour.unwrap_or_else(|| model.label.colour());
+            let of_face = |face| model.colour.or_else(|| model.mesh.colour(face)).unwrap_or(own);
+            colours.extend((0..model.mesh.triangles().len()).map(of_face));
+            labels.resize(corners.len(), model.label);
+        }
+        let triangles: Vec<Corners> = corners.iter().map(|corners| corners.map(|v| v.cast::<f32>().into())).collect();
+        let tree = RayTree::new(&triangles);
+        Ok(Self { scene, terrain, triangles, labels, colours, ground_triangles, tree })
     }
 
     /// The scene this was built from.
@@ -129,21 +131,101 @@ impl CompiledScene {
     }
 
     /// The first surface a ray meets within `range_max` [m], or `None`. `direction` has unit length; both in the map
-    /// frame. Surfaces are met from either side.
+    /// frame. Surfaces are met from either side. Many rays from one place: [`CompiledScene::cast_all`].
     #[must_use]
     pub fn cast(&self, origin: &Point3<f64>, direction: &Vector3<f64>, range_max: f64) -> Option<Hit> {
-        let ray = Ray::new(single(&origin.coords), single(direction));
-        let test = |id: u32, nearest: f32| self.triangles.get(id as usize)?.intersect(&ray, nearest);
-        let (triangle, range) = self.bvh.cast_ray(&ray, range_max as f32, test)?;
-        let label = *self.labels.get(triangle as usize)?;
-        Some(Hit { range: f64::from(range), label, triangle })
+        let mut packet = Packet::<1>::new(origin.coords.into());
+        packet.set(0, (*direction).into(), range_max as f32);
+        self.tree.trace(&mut packet, &mut Vec::with_capacity(64));
+        self.hit(origin, direction, packet.triangle[0], packet.nearest[0])
+    }
+
+    /// As [`CompiledScene::cast`] for many rays from one origin, one hit a direction; neighbours in the slice should be
+    /// neighbours in direction. The hits do not depend on who is cast together.
+    pub fn cast_all(
+        &self,
+        origin: &Point3<f64>,
+        directions: &[Vector3<f64>],
+        range_max: f64,
+        hits: &mut [Option<Hit>],
+    ) {
+        let mut stack = Vec::with_capacity(64);
+        for (directions, hits) in directions.chunks(LANES).zip(hits.chunks_mut(LANES)) {
+            let mut packet = Packet::<LANES>::new(origin.coords.into());
+            for (lane, direction) in directions.iter().enumerate() {
+                packet.set(lane, (*direction).into(), range_max as f32);
+            }
+            self.trace(&mut packet, &mut stack);
+            for (lane, (hit, direction)) in hits.iter_mut().zip(directions).enumerate() {
+                *hit = self.hit(origin, direction, packet.triangle[lane], packet.nearest[lane]);
+            }
+        }
+    }
+
+    /// Finds the nearest triangle of every ray of a packet.
+    #[inline]
+    pub(super) fn trace(&self, packet: &mut Packet<LANES>, stack: &mut Vec<u32>) {
+        simd::widest(|| self.tree.trace(packet, stack));
+    }
+
+    /// The hit on a triangle that a ray was found to meet at about `near` [m], or `None` for [`NOTHING`]. The range is
+    /// that to the triangle's plane in double precision.
+    pub(super) fn hit(&self, origin: &Point3<f64>, direction: &Vector3<f64>, triangle: u32, near: f32) -> Option<Hit> {
+        let label = *self.labels.get(triangle as usize).filter(|_| triangle != NOTHING)?;
+        let [a, b, c] = self.corners(triangle)?;
+        let normal = (b - a).cross(&(c - a));
+        let exact = normal.dot(&(a - origin.coords)) / normal.dot(direction);
+        let near = f64::from(near);
+        // Along the surface the quotient means nothing.
+        let range = if (exact - near).abs() <= 1e-3 * (1.0 + near) { exact.max(0.0) } else { near };
+        Some(Hit { range, label, triangle })
     }
 
     /// The unit normal of the surface that was hit, map frame, outward (upward for the ground).
     #[must_use]
     pub fn normal(&self, hit: &Hit) -> Vector3<f64> {
-        let normal = self.triangles.get(hit.triangle as usize).map(|t| t.edge1.cross(t.edge2).normalize());
-        normal.map_or_else(Vector3::zeros, |n| Vector3::new(n.x, n.y, n.z).cast())
+        self.corners(hit.triangle).map_or_else(Vector3::zeros, |[a, b, c]| (b - a).cross(&(c - a)).normalize())
+    }
+
+    /// Height of the plane of a hit over a point, along its unit `normal` [m].
+    pub(super) fn plane_height(&self, hit: &Hit, normal: &Vector3<f64>, point: &Point3<f64>) -> f64 {
+        self.corners(hit.triangle).map_or(0.0, |[a, ..]| normal.dot(&(a - point.coords)))
+    }
+
+    /// The colour of the surface that was hit.
+    #[must_use]
+    pub fn colour(&self, hit: &Hit) -> Colour {
+        self.colours.get(hit.triangle as usize).copied().unwrap_or_default()
+    }
+
+    /// Distance from a point of the map to the nearest surface, within `reach` [m], or `None` beyond. This is the truth
+    /// that points of a model are measured against.
+    #[must_use]
+    pub fn distance_to_surface(&self, point: &Point3<f64>, reach: f64) -> Option<f64> {
+        let at = Vector::new(point.x as f32, point.y as f32, point.z as f32);
+        let project = |id: u32, _nearest: f32| {
+            let [a, b, c] = self.triangles.get(id as usize)?.map(Vector::from);
+            Some(Triangle::new(a, b, c).project_local_point(at, false))
+        };
+        let (_, (distance, _)) = self.tree.bvh().project_point(at, reach as f32, project)?;
+        Some(f64::from(distance))
+    }
+
+    /// The corners of a triangle in double precision [m].
+    fn corners(&self, triangle: u32) -> Option<[Vector3<f64>; 3]> {
+        let corners = self.triangles.get(triangle as usize)?;
+        Some([double(&corners[0]), double(&corners[1]), double(&corners[2])])
+    }
+
+    /// All triangles with their labels, map frame [m]; the ground's come first.
+    pub(super) fn labelled_triangles(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], Label)> {
+        let corners = self.triangles.iter().map(|corners| corners.map(|corner| double(&corner)));
+        corners.zip(self.labels.iter().copied())
+    }
+
+    /// The triangles of all that stands on the ground and their labels, map frame [m].
+    pub(super) fn object_triangles(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], Label)> {
+        self.labelled_triangles().skip(self.ground_triangles)
     }
 
     /// The pose `map_from_scanner` of a level scanner `height` [m] over the ground, or `None` beyond the ground's edge.
@@ -171,12 +253,6 @@ impl CompiledScene {
         let base = Vector3::new(pose.x, pose.y, self.ground_height(pose.x, pose.y)?);
         Some(Pose::from_parts(Translation3::from(base + height * up), UnitQuaternion::from_rotation_matrix(&axes)))
     }
-
-    /// The triangles of all that stands on the ground and their labels, map frame [m].
-    pub(super) fn object_triangles(&self) -> impl Iterator<Item = ([Vector3<f64>; 3], Label)> {
-        let corners = self.triangles.iter().map(Triangle::corners);
-        corners.zip(self.labels.iter().copied()).skip(self.ground_triangles)
-    }
 }
 
 /// Appends an object's triangles in the map frame; `false` when it is not over the ground or not finite.
@@ -197,50 +273,31 @@ fn build_object(object: &SceneObject, terrain: &Terrain, triangles: &mut Vec<[Ve
     triangles.iter().skip(first).flatten().all(|corner| corner.iter().all(|v| v.is_finite()))
 }
 
-fn single(v: &Vector3<f64>) -> Vector {
-    Vector::new(v.x as f32, v.y as f32, v.z as f32)
+/// Appends a model's triangles in the map frame; `false` when it is not over the ground or not finite.
+fn build_model(model: &ModelPlacement, terrain: &Terrain, triangles: &mut Vec<[Vector3<f64>; 3]>) -> bool {
+    let [x, y] = model.position;
+    let z = match (model.placement, terrain.height(x, y)) {
+        (Placement::At { z }, _) => z,
+        (Placement::OnGround { above }, Some(ground)) => ground + above,
+        (Placement::OnGround { .. }, None) => return false,
+    };
+    let [roll, pitch, yaw] = model.rotation;
+    let turn = Rotation3::from_euler_angles(roll, pitch, yaw);
+    let (scale, shift) = (Vector3::from(model.scale), Vector3::new(x, y, z));
+    let placed = |vertex: &[f64; 3]| turn * Vector3::from(*vertex).component_mul(&scale) + shift;
+    let vertices: Vec<_> = model.mesh.vertices().iter().map(placed).collect();
+    let at = |index: u32| vertices.get(index as usize).copied().unwrap_or_default();
+    // A mirror turns faces inside out.
+    let mirrored = model.scale.iter().product::<f64>() < 0.0;
+    triangles.extend(model.mesh.triangles().iter().map(|&[a, b, c]| {
+        let (b, c) = if mirrored { (c, b) } else { (b, c) };
+        [at(a), at(b), at(c)]
+    }));
+    vertices.iter().all(|v| v.iter().all(|c| c.is_finite()))
 }
 
-impl Triangle {
-    fn new(corners: &[Vector3<f64>; 3]) -> Self {
-        let [a, b, c] = corners.map(|v| single(&v));
-        Self { corner: a, edge1: b - a, edge2: c - a }
-    }
-
-    fn corners(&self) -> [Vector3<f64>; 3] {
-        [self.corner, self.corner + self.edge1, self.corner + self.edge2]
-            .map(|v| Vector3::new(f64::from(v.x), f64::from(v.y), f64::from(v.z)))
-    }
-
-    fn bounds(&self) -> Aabb {
-        let corners = [self.corner, self.corner + self.edge1, self.corner + self.edge2];
-        let low = corners.iter().fold(self.corner, |low, &v| low.min(v));
-        let high = corners.iter().fold(self.corner, |high, &v| high.max(v));
-        Aabb::new(low - Vector::splat(BOX_MARGIN_M), high + Vector::splat(BOX_MARGIN_M))
-    }
-
-    /// Range along the ray to this triangle when it is below `nearest`: Moller and Trumbore 1997, from both sides.
-    #[inline]
-    fn intersect(&self, ray: &Ray, nearest: f32) -> Option<f32> {
-        let p = ray.dir.cross(self.edge2);
-        let determinant = self.edge1.dot(p);
-        if determinant == 0.0 {
-            return None;
-        }
-        let inverse = 1.0 / determinant;
-        let from_corner = ray.origin - self.corner;
-        let u = from_corner.dot(p) * inverse;
-        if !(-EDGE_TOLERANCE..=1.0 + EDGE_TOLERANCE).contains(&u) {
-            return None;
-        }
-        let q = from_corner.cross(self.edge1);
-        let v = ray.dir.dot(q) * inverse;
-        if v < -EDGE_TOLERANCE || u + v > 1.0 + EDGE_TOLERANCE {
-            return None;
-        }
-        let range = self.edge2.dot(q) * inverse;
-        (range >= 0.0 && range < nearest).then_some(range)
-    }
+fn double(v: &[f32; 3]) -> Vector3<f64> {
+    Vector3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))
 }
 
 #[cfg(test)]

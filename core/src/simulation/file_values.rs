@@ -30,6 +30,19 @@ impl TryFrom<f64> for Number {
     }
 }
 
+/// A factor other than 0; a negative one mirrors.
+#[derive(Clone, Copy, Deserialize)]
+#[serde(try_from = "f64")]
+pub(super) struct Factor(pub(super) f64);
+
+impl TryFrom<f64> for Factor {
+    type Error = String;
+
+    fn try_from(value: f64) -> Result<Self, String> {
+        in_range(value.abs(), 1e-6..=1e6).map(|_| Self(value))
+    }
+}
+
 /// The number of steps of a flight of stairs.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(try_from = "u32")]

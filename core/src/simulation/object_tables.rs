@@ -4,8 +4,11 @@ use nalgebra::Vector3;
 use serde::Deserialize;
 
 use super::file_values::{Length, Number, Steps};
-use super::scene::{Label, Placement, SceneObject};
+use super::scene::{Colour, Label, Placement, SceneObject};
 use super::shapes::Shape;
+
+/// Of a trunk.
+const BARK: Colour = Colour([96, 76, 56]);
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,6 +22,7 @@ pub(super) struct BoxTable {
     length_m: Length,
     width_m: Length,
     height_m: Length,
+    colour: Option<Colour>,
 }
 
 #[derive(Deserialize)]
@@ -30,6 +34,7 @@ pub(super) struct RoundTable {
     z_m: Option<Number>,
     radius_m: Length,
     height_m: Length,
+    colour: Option<Colour>,
 }
 
 #[derive(Deserialize)]
@@ -48,6 +53,7 @@ pub(super) struct SphereTable {
     y_m: Number,
     z_m: Option<Number>,
     radius_m: Length,
+    colour: Option<Colour>,
 }
 
 /// The form of a tree's crown.
@@ -73,6 +79,8 @@ pub(super) struct TreeTable {
     crown: Crown,
     /// Of a cone only; twice the radius unless given.
     crown_height_m: Option<Length>,
+    /// Of the crown.
+    colour: Option<Colour>,
 }
 
 #[derive(Deserialize)]
@@ -86,6 +94,7 @@ pub(super) struct HouseTable {
     width_m: Length,
     wall_height_m: Length,
     roof_height_m: Length,
+    colour: Option<Colour>,
 }
 
 #[derive(Deserialize)]
@@ -95,6 +104,7 @@ pub(super) struct WallTable {
     to_m: [Number; 2],
     height_m: Length,
     thickness_m: Length,
+    colour: Option<Colour>,
 }
 
 #[derive(Deserialize)]
@@ -102,11 +112,14 @@ pub(super) struct WallTable {
 pub(super) struct RampTable {
     x_m: Number,
     y_m: Number,
+    /// Of its foot.
+    z_m: Option<Number>,
     #[serde(default)]
     yaw_deg: Number,
     length_m: Length,
     width_m: Length,
     height_m: Length,
+    colour: Option<Colour>,
 }
 
 #[derive(Deserialize)]
@@ -122,6 +135,7 @@ pub(super) struct StairsTable {
     tread_m: Length,
     riser_m: Length,
     steps: Steps,
+    colour: Option<Colour>,
 }
 
 /// What a table places in the scene.
@@ -144,6 +158,7 @@ impl Place for BoxTable {
             y: self.y_m.0,
             yaw: self.yaw_deg.0.to_radians(),
             placement: placement(self.z_m),
+            colour: self.colour,
         });
     }
 }
@@ -151,7 +166,8 @@ impl Place for BoxTable {
 impl RoundTable {
     fn object(&self, shape: Shape) -> SceneObject {
         let (x, y) = (self.x_m.0, self.y_m.0);
-        SceneObject { label: self.label, shape, x, y, yaw: 0.0, placement: placement(self.z_m) }
+        let placement = placement(self.z_m);
+        SceneObject { label: self.label, shape, x, y, yaw: 0.0, placement, colour: self.colour }
     }
 }
 
@@ -172,23 +188,25 @@ impl Place for ConeTable {
 impl Place for SphereTable {
     fn place(&self, objects: &mut Vec<SceneObject>) {
         let shape = Shape::Sphere { radius: self.radius_m.0 };
-        let (x, y) = (self.x_m.0, self.y_m.0);
-        objects.push(SceneObject { label: self.label, shape, x, y, yaw: 0.0, placement: placement(self.z_m) });
+        let (x, y, placement) = (self.x_m.0, self.y_m.0, placement(self.z_m));
+        objects.push(SceneObject { label: self.label, shape, x, y, yaw: 0.0, placement, colour: self.colour });
     }
 }
 
 impl Place for TreeTable {
     fn place(&self, objects: &mut Vec<SceneObject>) {
         let (trunk, radius) = (self.trunk_height_m.0, self.crown_radius_m.0);
-        let mut put = |shape, above| {
+        let (x, y) = (self.x_m.0, self.y_m.0);
+        let mut put = |shape, above, colour| {
             let placement = Placement::OnGround { above };
-            objects.push(SceneObject { label: Label::Tree, shape, x: self.x_m.0, y: self.y_m.0, yaw: 0.0, placement });
+            objects.push(SceneObject { label: Label::Tree, shape, x, y, yaw: 0.0, placement, colour });
         };
-        put(Shape::Cylinder { radius: self.trunk_radius_m.0, height: trunk }, 0.0);
+        put(Shape::Cylinder { radius: self.trunk_radius_m.0, height: trunk }, 0.0, Some(BARK));
         match self.crown {
-            Crown::Sphere => put(Shape::Sphere { radius }, trunk - radius),
+            Crown::Sphere => put(Shape::Sphere { radius }, trunk - radius, self.colour),
             Crown::Cone => {
-                put(Shape::Cone { radius, height: self.crown_height_m.map_or(2.0 * radius, |h| h.0) }, trunk);
+                let height = self.crown_height_m.map_or(2.0 * radius, |h| h.0);
+                put(Shape::Cone { radius, height }, trunk, self.colour);
             }
         }
     }
@@ -208,6 +226,7 @@ impl Place for HouseTable {
             y: self.y_m.0,
             yaw: self.yaw_deg.0.to_radians(),
             placement: placement(None),
+            colour: self.colour,
         });
     }
 }
@@ -222,6 +241,7 @@ impl Place for WallTable {
             y: (y0 + y1) / 2.0,
             yaw: (y1 - y0).atan2(x1 - x0),
             placement: placement(None),
+            colour: self.colour,
         });
     }
 }
@@ -234,7 +254,8 @@ impl Place for RampTable {
             x: self.x_m.0,
             y: self.y_m.0,
             yaw: self.yaw_deg.0.to_radians(),
-            placement: placement(None),
+            placement: placement(self.z_m),
+            colour: self.colour,
         });
     }
 }
@@ -253,6 +274,7 @@ impl Place for StairsTable {
                 y: self.y_m.0 + ahead * yaw.sin(),
                 yaw,
                 placement: placement(None),
+                colour: self.colour,
             });
         }
     }

@@ -1,11 +1,12 @@
-//! Which cells of the work area a robot can drive to: the truth that coverage is measured against.
+//! Which cells of the work area a robot can drive to, and what the others are: the truth that coverage and scores are
+//! measured against.
 
-use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use super::compiled_scene::CompiledScene;
-use super::scene::{Label, ScanPose};
+use super::scene::ScanPose;
+use super::standing::{Fault, Levels};
 
 /// The robot, as far as it decides where it can go.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,14 +45,51 @@ pub enum ReachError {
         allowed: &'static str,
     },
     /// The robot cannot stand where it starts.
-    #[error("the start x = {x}, y = {y} is outside the work area, blocked by an object, or too steep")]
+    #[error("{place}the start x = {x}, y = {y} is outside the work area, blocked by an object, or too steep")]
     BlockedStart {
+        /// File and line of the start, or nothing.
+        place: String,
         /// Asked for [m].
         x: f64,
         /// Asked for [m].
         y: f64,
     },
+    /// The robot can stand where it starts, but hardly leave.
+    #[error(
+        "{place}the area cannot be explored from the start x = {x}, y = {y}: only {reached_m2:.1} m^2 can be reached; \
+         move the start or open a way"
+    )]
+    Enclosed {
+        /// File and line of the area, or nothing.
+        place: String,
+        /// The start [m].
+        x: f64,
+        /// The start [m].
+        y: f64,
+        /// What can be reached.
+        reached_m2: f64,
+    },
 }
+
+/// What a cell is to the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CellKind {
+    /// The robot can drive there.
+    Reachable,
+    /// It could stand there, but no way leads there.
+    Isolated,
+    /// Nothing stands in it, but something nearer than the robot's radius, or the ground falls away there.
+    TooNear,
+    /// Something stands in it, or over it too low.
+    Obstacle,
+    /// The ground is too steep.
+    Steep,
+    /// There is no ground.
+    Void,
+}
+
+/// Less than this is no exploration [m^2].
+const LEAST_REACHED_M2: f64 = 4.0;
 
 /// A grid over the work area: which cells the robot's middle can reach from the start.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +104,10 @@ pub struct ReachableCells {
     pub rows: usize,
     /// One a cell, index `row * cols + col`.
     pub reachable: Vec<bool>,
+    /// As `reachable`: what each cell is.
+    pub kinds: Vec<CellKind>,
+    /// As `reachable`: on which heights the robot can stand there [m], from below; under and on a bridge there are two.
+    pub heights: Vec<Vec<f32>>,
 }
 
 impl ReachableCells {
@@ -108,12 +150,14 @@ impl ReachableCells {
     }
 }
 
-/// Fills the work area from `start` over the cells on which the robot can stand: four-connected cells whose ground is
-/// not too steep and from whose middle every object surface between `step_m` and `robot_height_m` over the ground is
-/// at least `robot_radius_m` away. Ramps count as objects: the robot is taken to stay on the terrain.
+/// Fills the work area from `start` over the places on which the robot can stand. A cell may have several, one above the
+/// other: on a bridge and under it. The robot stands on a surface that is not too steep, with room over it up to
+/// `robot_height_m`, from whose middle everything steep that rises between `step_m` and `robot_height_m` over it is at
+/// least `robot_radius_m` away, and which does not fall away within that radius. It moves between neighbouring cells
+/// (four a cell) whose heights differ by no more than a step and the steepest slope.
 ///
 /// # Errors
-/// When a field of the config is out of range, or the robot cannot stand at the start.
+/// When a field of the config is out of range, the robot cannot stand at the start, or can hardly leave it.
 pub fn reachable_cells(
     scene: &CompiledScene,
     config: &ReachConfig,
@@ -129,15 +173,60 @@ pub fn reachable_cells(
         cols,
         rows,
         reachable: vec![false; cols * rows],
+        kinds: vec![CellKind::Void; cols * rows],
+        heights: vec![Vec::new(); cols * rows],
     };
-    let mut free = level_cells(scene, config, &cells);
-    for (triangle, label) in scene.object_triangles() {
-        block_cells(scene, config, &cells, &triangle, label, &mut free);
+    let levels = Levels::of(scene, config, &cells);
+    let origin = &scene.scene().origin;
+    let place = |line: usize| if line == 0 { String::new() } else { format!("{}, line {line}: ", origin.file) };
+    let ground = scene.ground_height(start.x, start.y);
+    let first = cells.index(start.x, start.y).zip(ground).and_then(|(cell, ground)| levels.free_near(cell, ground));
+    let (x, y) = (start.x, start.y);
+    let first = first.ok_or_else(|| ReachError::BlockedStart { place: place(origin.start_line), x, y })?;
+    let reached = flood(&levels, config, first, &cells);
+    for (cell, range) in levels.ranges().enumerate() {
+        let reached_here = range.clone().filter(|&level| reached[level]);
+        cells.heights[cell] = reached_here.map(|level| levels.height(level) as f32).collect();
+        cells.reachable[cell] = !cells.heights[cell].is_empty();
+        cells.kinds[cell] = if cells.reachable[cell] {
+            CellKind::Reachable
+        } else {
+            let [x, y] = cells.centre(cell);
+            scene.ground_height(x, y).map_or(CellKind::Void, |ground| levels.kind(range, ground, config))
+        };
     }
-    let first = cells.index(start.x, start.y).filter(|&index| free.get(index).copied().unwrap_or(false));
-    let first = first.ok_or(ReachError::BlockedStart { x: start.x, y: start.y })?;
-    flood(&free, first, &mut cells);
+    let reached_m2 = cells.count() as f64 * config.cell_m * config.cell_m;
+    if reached_m2 < LEAST_REACHED_M2 && span[0] * span[1] > 2.0 * LEAST_REACHED_M2 {
+        return Err(ReachError::Enclosed { place: place(origin.area_line), x, y, reached_m2 });
+    }
     Ok(cells)
+}
+
+/// Which levels are connected with `first` through free ones.
+fn flood(levels: &Levels, config: &ReachConfig, first: (usize, usize), cells: &ReachableCells) -> Vec<bool> {
+    let climb = config.step_m + config.cell_m * config.max_slope_deg.to_radians().tan();
+    let mut reached = vec![false; levels.count()];
+    let mut open = vec![first];
+    reached[first.1] = true;
+    while let Some((cell, level)) = open.pop() {
+        let (row, col) = (cell / cells.cols, cell % cells.cols);
+        let neighbours = [
+            (col > 0).then(|| cell - 1),
+            (col + 1 < cells.cols).then(|| cell + 1),
+            (row > 0).then(|| cell - cells.cols),
+            (row + 1 < cells.rows).then(|| cell + cells.cols),
+        ];
+        for neighbour in neighbours.into_iter().flatten() {
+            for next in levels.range(neighbour) {
+                let rise = (levels.height(next) - levels.height(level)).abs();
+                if !reached[next] && levels.fault(next) == Fault::None && rise <= climb {
+                    reached[next] = true;
+                    open.push((neighbour, next));
+                }
+            }
+        }
+    }
+    reached
 }
 
 impl ReachConfig {
@@ -160,132 +249,6 @@ impl ReachConfig {
         match checks.into_iter().find(|(holds, ..)| !holds) {
             None => Ok(()),
             Some((_, field, value, allowed)) => Err(ReachError::OutOfRange { field, value, allowed }),
-        }
-    }
-}
-
-/// The cells whose ground is not too steep.
-fn level_cells(scene: &CompiledScene, config: &ReachConfig, cells: &ReachableCells) -> Vec<bool> {
-    let least = config.max_slope_deg.to_radians().cos();
-    let level = |index| {
-        let [x, y] = cells.centre(index);
-        scene.terrain().normal(x, y).is_some_and(|normal| normal.z >= least)
-    };
-    (0..cells.reachable.len()).map(level).collect()
-}
-
-/// Takes from `free` the cells in which the robot would touch the triangle.
-fn block_cells(
-    scene: &CompiledScene,
-    config: &ReachConfig,
-    cells: &ReachableCells,
-    triangle: &[Vector3<f64>; 3],
-    label: Label,
-    free: &mut [bool],
-) {
-    // Below half a cell a thin wall would leak between the cells' middles.
-    let reach = config.robot_radius_m.max(0.5 * cells.cell_m);
-    let span = |axis: usize| {
-        let low = triangle.iter().map(|v| v[axis]).fold(f64::MAX, f64::min) - reach;
-        let high = triangle.iter().map(|v| v[axis]).fold(f64::MIN, f64::max) + reach;
-        let limit = if axis == 0 { cells.cols } else { cells.rows };
-        let cell = |at: f64| ((at - cells.origin[axis]) / cells.cell_m).floor().clamp(0.0, limit as f64) as usize;
-        cell(low)..(cell(high) + 1).min(limit)
-    };
-    let mut polygon = Vec::with_capacity(5);
-    let mut scratch = Vec::with_capacity(5);
-    for row in span(1) {
-        for col in span(0) {
-            let index = row * cells.cols + col;
-            let [x, y] = cells.centre(index);
-            let (Some(ground), Some(free)) = (scene.ground_height(x, y), free.get_mut(index)) else { continue };
-            if !*free {
-                continue;
-            }
-            // A ramp's foot is lower than a step yet leads off the terrain, so all of it counts.
-            let lowest = if label == Label::Ramp { 0.0 } else { config.step_m };
-            polygon.clear();
-            polygon.extend_from_slice(triangle);
-            clip(&mut polygon, &mut scratch, |v| v.z - (ground + lowest));
-            clip(&mut polygon, &mut scratch, |v| ground + config.robot_height_m - v.z);
-            if !polygon.is_empty() && distance(&polygon, x, y) < reach {
-                *free = false;
-            }
-        }
-    }
-}
-
-/// Keeps the part of a convex polygon where `side` is not negative (Sutherland and Hodgman 1974).
-fn clip(polygon: &mut Vec<Vector3<f64>>, scratch: &mut Vec<Vector3<f64>>, side: impl Fn(&Vector3<f64>) -> f64) {
-    scratch.clear();
-    let mut previous = polygon.last().copied();
-    for &vertex in polygon.iter() {
-        if let Some(from) = previous {
-            let (a, b) = (side(&from), side(&vertex));
-            if (a < 0.0) != (b < 0.0) {
-                scratch.push(from + (vertex - from) * (a / (a - b)));
-            }
-            if b >= 0.0 {
-                scratch.push(vertex);
-            }
-        }
-        previous = Some(vertex);
-    }
-    std::mem::swap(polygon, scratch);
-}
-
-/// Horizontal distance from (x, y) to a convex polygon, 0 within it [m].
-fn distance(polygon: &[Vector3<f64>], x: f64, y: f64) -> f64 {
-    let mut least = f64::MAX;
-    let (mut left, mut right) = (false, false);
-    let mut previous = polygon.last().copied().unwrap_or_default();
-    for &vertex in polygon {
-        let (ex, ey) = (vertex.x - previous.x, vertex.y - previous.y);
-        let (px, py) = (x - previous.x, y - previous.y);
-        let length2 = ex * ex + ey * ey;
-        let along = if length2 > 0.0 { ((px * ex + py * ey) / length2).clamp(0.0, 1.0) } else { 0.0 };
-        least = least.min((px - along * ex).hypot(py - along * ey));
-        let cross = ex * py - ey * px;
-        left |= cross > 0.0;
-        right |= cross < 0.0;
-        previous = vertex;
-    }
-    // Seen edge-on (a wall) the polygon has no inside, and both sides or neither are met.
-    if left != right && polygon_area(polygon) > 1e-9 { 0.0 } else { least }
-}
-
-/// Twice the horizontal area of a polygon [m^2], always positive.
-fn polygon_area(polygon: &[Vector3<f64>]) -> f64 {
-    let mut previous = polygon.last().copied().unwrap_or_default();
-    let mut sum = 0.0;
-    for &vertex in polygon {
-        sum += previous.x * vertex.y - previous.y * vertex.x;
-        previous = vertex;
-    }
-    sum.abs()
-}
-
-/// Marks all free cells connected with `first`.
-fn flood(free: &[bool], first: usize, cells: &mut ReachableCells) {
-    let (cols, rows) = (cells.cols, cells.rows);
-    let mut open = vec![first];
-    while let Some(index) = open.pop() {
-        let (Some(true), Some(reached)) = (free.get(index), cells.reachable.get_mut(index)) else { continue };
-        if std::mem::replace(reached, true) {
-            continue;
-        }
-        let (row, col) = (index / cols, index % cols);
-        if col > 0 {
-            open.push(index - 1);
-        }
-        if col + 1 < cols {
-            open.push(index + 1);
-        }
-        if row > 0 {
-            open.push(index - cols);
-        }
-        if row + 1 < rows {
-            open.push(index + cols);
         }
     }
 }
@@ -360,9 +323,69 @@ mod tests {
         let scene = CompiledScene::new(Scene::builtin("simple").unwrap()).unwrap();
         let inside = ScanPose { x: -8.0, y: -3.0, yaw: 0.0 };
         let answer = reachable_cells(&scene, &ReachConfig::default(), &inside);
-        assert_eq!(answer, Err(ReachError::BlockedStart { x: -8.0, y: -3.0 }));
+        let text = answer.unwrap_err().to_string();
+        assert!(text.starts_with("built-in scene simple, line 10: the start x = -8, y = -3 is outside"), "{text}");
         let config = ReachConfig { cell_m: 0.0, ..ReachConfig::default() };
         let text = reachable_cells(&scene, &config, &inside).unwrap_err().to_string();
         assert!(text.starts_with("reach.cell_m = 0 is out of range"), "{text}");
+    }
+
+    #[test]
+    fn a_bridge_is_driven_over_and_under() {
+        // Ramps of 10 deg lead up to a deck with 1.2 m of room under it.
+        let ramp = |x: f64, yaw: f64| {
+            format!("[[ramp]]\nx_m = {x}\ny_m = 0\nyaw_deg = {yaw}\nlength_m = 8\nwidth_m = 3\nheight_m = 1.41\n")
+        };
+        let deck =
+            "[[box]]\nlabel = \"ramp\"\nx_m = 2\ny_m = 0\nz_m = 1.21\nlength_m = 3\nwidth_m = 3\nheight_m = 0.2\n";
+        let head = "name = \"t\"\nstart = { x_m = 0, y_m = 0 }\narea = { x_m = [-10, 14], y_m = [-6, 6] }\n";
+        let text = format!("{head}{}{}{deck}", ramp(-3.5, 0.0), ramp(7.5, 180.0));
+        let scene = CompiledScene::new(Scene::from_toml(&text, "test").unwrap()).unwrap();
+        let cells = reachable_cells(&scene, &ReachConfig::default(), &START).unwrap();
+        let heights = |x, y| cells.heights[cells.index(x, y).unwrap()].clone();
+        assert_eq!(heights(2.0, 0.0).len(), 2, "{:?}", heights(2.0, 0.0));
+        assert!((heights(2.0, 0.0)[1] - 1.41).abs() < 1e-4 && heights(2.0, 0.0)[0].abs() < 1e-4);
+        let on_ramp = heights(-3.5, 0.0);
+        assert!(on_ramp.len() == 1 && (on_ramp[0] - 0.705).abs() < 0.05, "{on_ramp:?}");
+        assert_eq!(heights(2.0, 4.0).len(), 1);
+        // Beside the ramp the robot would touch it, on its edge it would fall.
+        assert!(heights(-1.0, 1.7).is_empty() && heights(-1.0, 1.3).is_empty());
+        let low = ReachConfig { robot_height_m: 1.3, ..ReachConfig::default() };
+        let cells = reachable_cells(&scene, &low, &START).unwrap();
+        assert_eq!(cells.heights[cells.index(2.0, 0.0).unwrap()].len(), 1, "too tall to pass under it");
+    }
+
+    #[test]
+    fn every_cell_is_told_what_it_is() {
+        let tail = "terrain = { bumps = [{ x_m = 6, y_m = 6, height_m = 3, radius_m = 1.5 }] }\n\
+                    [[box]]\nlabel = \"vehicle\"\nx_m = 0\ny_m = 0\nlength_m = 4\nwidth_m = 2\nheight_m = 1.5\n\
+                    [[wall]]\nfrom_m = [5, -10]\nto_m = [5, -5]\nheight_m = 2\nthickness_m = 0.3\n\
+                    [[wall]]\nfrom_m = [5, -5]\nto_m = [10, -5]\nheight_m = 2\nthickness_m = 0.3\n";
+        let cells = reach(tail, &ReachConfig::default());
+        let kind = |x, y| cells.kinds[cells.index(x, y).unwrap()];
+        assert_eq!(kind(-5.0, 0.0), CellKind::Reachable);
+        assert_eq!(kind(0.0, 0.0), CellKind::Obstacle);
+        assert_eq!(kind(1.9, 0.9), CellKind::Obstacle);
+        assert_eq!(kind(-2.3, 0.0), CellKind::TooNear);
+        assert_eq!(kind(7.4, 6.0), CellKind::Steep);
+        assert_eq!(kind(7.5, -7.5), CellKind::Isolated);
+    }
+
+    #[test]
+    fn a_start_between_walls_is_an_error_that_names_the_area() {
+        let ring = [
+            ((-9.0, -1.0), (-7.0, -1.0)),
+            ((-7.0, -1.0), (-7.0, 1.0)),
+            ((-7.0, 1.0), (-9.0, 1.0)),
+            ((-9.0, 1.0), (-9.0, -1.0)),
+        ];
+        let wall = |((x0, y0), (x1, y1)): ((f64, f64), (f64, f64))| {
+            format!("[[wall]]\nfrom_m = [{x0}, {y0}]\nto_m = [{x1}, {y1}]\nheight_m = 2\nthickness_m = 0.2\n")
+        };
+        let head = "name = \"t\"\nstart = { x_m = 0, y_m = 0 }\narea = { x_m = [-10, 10], y_m = [-10, 10] }\n";
+        let text = format!("{head}{}", ring.map(wall).concat());
+        let scene = CompiledScene::new(Scene::from_toml(&text, "a.toml").unwrap()).unwrap();
+        let error = reachable_cells(&scene, &ReachConfig::default(), &START).unwrap_err().to_string();
+        assert!(error.starts_with("a.toml, line 3: the area cannot be explored from the start x = -8"), "{error}");
     }
 }

@@ -1,11 +1,14 @@
 //! The source's scanner (section 5.3): a planar laser that sweeps a vertical plane while the head turns about z.
 
-use nalgebra::{Point3, Vector3};
+use std::ops::Range;
+
+use nalgebra::{Point3, Rotation3, Vector3};
 use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal, StandardUniform};
 use thiserror::Error;
 
-use super::compiled_scene::CompiledScene;
+use super::compiled_scene::{CompiledScene, Hit, LANES};
+use super::ray_tree::{NOTHING, Packet};
 use super::scanner_config::{ScannerConfig, ScannerConfigError};
 use super::scene::Label;
 use crate::geometry::Pose;
@@ -13,7 +16,10 @@ use crate::scan::{Grid, Point};
 use crate::threads;
 
 /// Lines of the grid a thread takes at a time: small enough to share the work evenly, large enough to amortise it.
-const LINES_A_BLOCK: usize = 8;
+const LINES_A_BLOCK: usize = 16;
+/// Sweeps and beams of the tile that is cast as one packet: as square as possible, so that its rays stay together.
+const TILE: usize = 4;
+const _: () = assert!(TILE * TILE == LANES);
 
 /// Why a scan cannot be written.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -129,7 +135,8 @@ impl Scanner {
 
     /// Scans the scene into `points`, one a cell in the scanner's frame, [`Point::EMPTY`] where there is no return; and
     /// into `labels`, if asked, what each return hit. Works on `threads` threads, the caller's among them.
-    /// The bits depend on neither their number nor their pace. Intensity is 0, which means unknown.
+    /// The bits depend on neither their number nor their pace. Intensity is 0, which means unknown, unless the scanner's
+    /// `dark_range_m` is set: then 1000 is light that is seen half of the time.
     ///
     /// # Errors
     /// When a slice does not have one element a cell; nothing is written then.
@@ -164,49 +171,94 @@ impl Scanner {
 
     fn scan_block(&self, scene: &CompiledScene, map_from_scanner: &Pose, seed: ScanSeed, block: Block<'_>) {
         let Block { first_row, points, mut labels } = block;
-        for (k, line) in points.chunks_mut(self.config.beams).enumerate() {
-            let first = k * self.config.beams;
+        let beams = self.config.beams;
+        let end_row = first_row + points.len() / beams;
+        // Edges show beside their neighbours, so these are cast, too, where edges count.
+        let halo = usize::from(self.config.divergence_deg > 0.0);
+        let rows = first_row.saturating_sub(halo)..(end_row + halo).min(self.config.sweeps);
+        let cast = self.cast_rows(scene, map_from_scanner, rows);
+        for (k, line) in points.chunks_mut(beams).enumerate() {
+            let first = k * beams;
             let line_labels = labels.as_mut().and_then(|labels| labels.get_mut(first..first + line.len()));
-            self.scan_sweep(scene, map_from_scanner, seed, first_row + k, line, line_labels);
+            self.scan_sweep(&cast, seed, first_row + k, line, line_labels);
         }
+    }
+
+    /// Casts the centres of the beams of some sweeps, tile by tile.
+    fn cast_rows<'a>(&'a self, scene: &'a CompiledScene, map_from_scanner: &Pose, rows: Range<usize>) -> CastRows<'a> {
+        let beams = self.config.beams;
+        let rotation = map_from_scanner.rotation.to_rotation_matrix();
+        let origin = Point3::from(map_from_scanner.translation.vector);
+        let mut hits = vec![CastRay { triangle: NOTHING, near: 0.0 }; rows.len() * beams];
+        let mut stack = Vec::with_capacity(64);
+        for top in (0..rows.len()).step_by(TILE) {
+            let heads: [_; TILE] = std::array::from_fn(|k| self.head(rows.start + top + k));
+            for left in (0..beams).step_by(TILE) {
+                let mut packet = Packet::<LANES>::new(origin.coords.into());
+                let (height, width) = (TILE.min(rows.len() - top), TILE.min(beams - left));
+                for (row, &head) in heads.iter().enumerate().take(height) {
+                    for col in 0..width {
+                        let direction = rotation * self.beams[left + col].ray(head);
+                        packet.set(TILE * row + col, direction.into(), self.config.range_max_m as f32);
+                    }
+                }
+                scene.trace(&mut packet, &mut stack);
+                for row in 0..height {
+                    for col in 0..width {
+                        let (triangle, near) = (packet.triangle[TILE * row + col], packet.nearest[TILE * row + col]);
+                        hits[(top + row) * beams + left + col] = CastRay { triangle, near };
+                    }
+                }
+            }
+        }
+        CastRows { scanner: self, scene, origin, rotation, rows, hits }
     }
 
     /// One sweep. Its errors come from a generator of its own, and every beam draws, hit or not.
     fn scan_sweep(
         &self,
-        scene: &CompiledScene,
-        map_from_scanner: &Pose,
+        cast: &CastRows<'_>,
         seed: ScanSeed,
         sweep: usize,
         points: &mut [Point],
         mut labels: Option<&mut [Option<Label>]>,
     ) {
+        let scene = cast.scene;
         let mut errors = Errors::new(&self.config, scene.scene().terrain.grass_m, seed, sweep);
-        let origin = Point3::from(map_from_scanner.translation.vector);
-        let map_from_scanner = map_from_scanner.rotation.to_rotation_matrix();
         let head = self.head(sweep);
+        let mut stack = Vec::with_capacity(64);
         for (b, (beam, point)) in self.beams.iter().zip(points).enumerate() {
             let ray = beam.ray(head);
             let drawn = errors.draw();
-            let direction = map_from_scanner * ray;
-            let hit = scene.cast(&origin, &direction, self.config.range_max_m);
-            let measured = hit.zip(drawn).map(|(hit, drawn)| {
+            let direction = cast.rotation * ray;
+            let hit = if self.config.divergence_deg > 0.0 {
+                spot::hit(cast, sweep, b, &direction, &mut stack)
+            } else {
+                cast.hit(sweep, b, &direction)
+            };
+            let measured = hit.zip(drawn).and_then(|(hit, drawn)| {
+                let strength = self.config.strength(scene, &hit, &direction);
+                // At strength 1 half of the returns are lost.
+                if strength.is_some_and(|strength| strength - 0.5 <= drawn.luck) {
+                    return None;
+                }
                 let in_grass = if drawn.blade > 0.0 && hit.label == Label::Ground {
                     // The blade stands on the ground's tangent plane; the ray was free up to there.
                     drawn.blade / scene.normal(&hit).dot(&direction).abs().max(1e-6)
                 } else {
                     0.0
                 };
-                ((hit.range - in_grass).max(0.0) + drawn.error, hit.label)
+                Some(((hit.range - in_grass).max(0.0) + drawn.error, hit.label, strength))
             });
             let limits = self.config.range_min_m..=self.config.range_max_m;
-            let measured = measured.filter(|(range, _)| limits.contains(range));
-            *point = measured.map_or(Point::EMPTY, |(range, _)| {
+            let measured = measured.filter(|(range, ..)| limits.contains(range));
+            *point = measured.map_or(Point::EMPTY, |(range, _, strength)| {
                 let at = (range * ray).cast::<f32>();
-                Point { time: self.time(sweep, beam), ..Point::new(at.x, at.y, at.z) }
+                let intensity = strength.map_or(0, ScannerConfig::intensity);
+                Point { time: self.time(sweep, beam), intensity, ..Point::new(at.x, at.y, at.z) }
             });
             if let Some(label) = labels.as_mut().and_then(|labels| labels.get_mut(b)) {
-                *label = measured.map(|(_, label)| label);
+                *label = measured.map(|(_, label, _)| label);
             }
         }
     }
@@ -226,6 +278,38 @@ impl Scanner {
     }
 }
 
+/// What the centre of a beam meets.
+#[derive(Debug, Clone, Copy)]
+struct CastRay {
+    triangle: u32,
+    /// Range in single precision [m].
+    near: f32,
+}
+
+/// Some sweeps with what the centres of their beams meet.
+struct CastRows<'a> {
+    scanner: &'a Scanner,
+    scene: &'a CompiledScene,
+    origin: Point3<f64>,
+    rotation: Rotation3<f64>,
+    rows: Range<usize>,
+    hits: Vec<CastRay>,
+}
+
+impl CastRows<'_> {
+    /// What the centre of a beam meets, if it was cast.
+    fn ray(&self, sweep: usize, beam: usize) -> Option<CastRay> {
+        let row = self.rows.contains(&sweep).then(|| sweep - self.rows.start)?;
+        (beam < self.scanner.beams.len()).then(|| self.hits.get(row * self.scanner.beams.len() + beam).copied())?
+    }
+
+    /// As a hit; `direction` is the beam's, map frame.
+    fn hit(&self, sweep: usize, beam: usize, direction: &Vector3<f64>) -> Option<Hit> {
+        let CastRay { triangle, near } = self.ray(sweep, beam)?;
+        self.scene.hit(&self.origin, direction, triangle, near)
+    }
+}
+
 impl Beam {
     /// The unit ray in the scanner's frame when the first beam of its sweep has this azimuth (cosine, sine).
     fn ray(&self, head: (f64, f64)) -> Vector3<f64> {
@@ -241,6 +325,7 @@ struct Errors {
     sigma: f64,
     dropout: f64,
     grass: f64,
+    is_lit: bool,
 }
 
 /// What chance does to one beam.
@@ -249,6 +334,8 @@ struct Drawn {
     error: f64,
     /// Height of the blade of grass in its way, if it meets the ground [m].
     blade: f64,
+    /// Uniform in [0, 1): how much light more than half of what is needed this beam asks for.
+    luck: f64,
 }
 
 impl Errors {
@@ -259,7 +346,8 @@ impl Errors {
         key[8..16].copy_from_slice(&seed.scan.to_le_bytes());
         let mut rng = ChaCha8Rng::from_seed(key);
         rng.set_stream(sweep as u64);
-        Self { rng, sigma: config.noise_m, dropout: config.dropout, grass }
+        let is_lit = config.dark_range_m > 0.0;
+        Self { rng, sigma: config.noise_m, dropout: config.dropout, grass, is_lit }
     }
 
     /// The next beam's draws, or `None` when its return is lost.
@@ -272,7 +360,8 @@ impl Errors {
         };
         let lost = self.dropout > 0.0 && self.uniform() < self.dropout;
         let blade = if self.grass > 0.0 { self.grass * self.uniform() } else { 0.0 };
-        (!lost).then_some(Drawn { error, blade })
+        let luck = if self.is_lit { self.uniform() } else { 0.0 };
+        (!lost).then_some(Drawn { error, blade, luck })
     }
 
     /// Uniform in [0, 1).
@@ -281,5 +370,6 @@ impl Errors {
     }
 }
 
+mod spot;
 #[cfg(test)]
 mod tests;

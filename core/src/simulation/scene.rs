@@ -2,18 +2,25 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::assets::Assets;
+use super::model::Mesh;
+use super::robot::Robot;
 use super::scene_file;
 use super::shapes::Shape;
 use super::terrain::TerrainConfig;
 
 /// The scenes that come with the program: name and text.
-const BUILTIN: [(&str, &str); 2] = [
+const BUILTIN: [(&str, &str); 5] = [
+    ("field", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../worlds/field.toml"))),
     ("plane", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../worlds/plane.toml"))),
     ("simple", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../worlds/simple.toml"))),
+    ("structured", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../worlds/structured.toml"))),
+    ("unstructured", include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../worlds/unstructured.toml"))),
 ];
 
 /// What a surface is: the truth that scores are tested against.
@@ -55,6 +62,22 @@ impl Label {
         Self::Other,
     ];
 
+    /// The colour of such things when nothing else is said.
+    #[must_use]
+    pub fn colour(self) -> Colour {
+        Colour(match self {
+            Self::Ground => [122, 134, 92],
+            Self::Building => [196, 178, 152],
+            Self::Wall => [170, 166, 160],
+            Self::Tree => [74, 98, 52],
+            Self::Vehicle => [60, 84, 140],
+            Self::Kerb => [186, 186, 182],
+            Self::Stairs => [160, 150, 140],
+            Self::Ramp => [150, 146, 140],
+            Self::Other => [178, 122, 72],
+        })
+    }
+
     /// Whether the thing stands in the robot's way: all but ground and ramps. (The top of a kerb or a car is flat; its
     /// label is an obstacle's nevertheless.)
     #[must_use]
@@ -91,6 +114,20 @@ pub struct ScanPose {
     pub yaw: f64,
 }
 
+/// The colour of a surface: red, green and blue, 0 to 255. Bright surfaces return more of the laser's light.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Colour(pub [u8; 3]);
+
+impl Colour {
+    /// The share of light that comes back, 0 to 1: the weighted mean of the three (ITU-R BT.601).
+    #[must_use]
+    pub fn reflectance(self) -> f64 {
+        let [r, g, b] = self.0.map(f64::from);
+        (0.299 * r + 0.587 * g + 0.114 * b) / 255.0
+    }
+}
+
 /// The height at which an object's base lies.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Placement {
@@ -122,6 +159,40 @@ pub struct SceneObject {
     pub yaw: f64,
     /// Height of its base.
     pub placement: Placement,
+    /// Of its surfaces; `None` takes that of its label.
+    pub colour: Option<Colour>,
+}
+
+/// A mesh from a file, put into the world.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelPlacement {
+    /// The file it came from, as the world file names it.
+    pub file: String,
+    /// What it is.
+    pub label: Label,
+    /// Its triangles in the file's own frame; shared by all copies.
+    pub mesh: Arc<Mesh>,
+    /// Where the file's origin comes to lie: x and y [m].
+    pub position: [f64; 2],
+    /// The height of the file's origin.
+    pub placement: Placement,
+    /// Roll, pitch and yaw about the fixed axes x, y and z, in this order [rad].
+    pub rotation: [f64; 3],
+    /// Factors along the file's own axes.
+    pub scale: [f64; 3],
+    /// Instead of the colours in the file.
+    pub colour: Option<Colour>,
+}
+
+/// Where a scene was read from, for errors that only show when it is built.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Origin {
+    /// The world file, empty when there is none.
+    pub file: String,
+    /// Line of the start.
+    pub start_line: usize,
+    /// Line of the work area.
+    pub area_line: usize,
 }
 
 /// A scene as read from a file; [`super::CompiledScene`] is what rays are cast against.
@@ -135,6 +206,14 @@ pub struct Scene {
     pub terrain: TerrainConfig,
     /// Everything that stands on it. A tree is two objects, stairs are one a step.
     pub objects: Vec<SceneObject>,
+    /// Meshes from files.
+    pub models: Vec<ModelPlacement>,
+    /// The robots, each with its sensors. Empty when the file names none: [`Robot::default`] at the start is meant.
+    pub robots: Vec<Robot>,
+    /// Of the ground.
+    pub ground_colour: Colour,
+    /// Where it was read from.
+    pub origin: Origin,
     /// Where an exploration begins.
     pub start: ScanPose,
     /// The poses that a fixed tour visits, in order.
@@ -180,15 +259,21 @@ impl Scene {
     pub fn load(path: &Path) -> Result<Self, SceneError> {
         let text =
             std::fs::read_to_string(path).map_err(|source| SceneError::Read { path: path.to_path_buf(), source })?;
-        Self::from_toml(&text, &path.display().to_string())
+        Self::parse(&text, &path.display().to_string(), &Assets::beside(path))
     }
 
-    /// Reads a scene from text; `file` is what error messages call it.
+    /// Reads a scene from text; `file` is what error messages call it. Files that it names are looked for in the current
+    /// folder.
     ///
     /// # Errors
     /// When the text is not a valid scene; the message names `file`, line, key and what is allowed.
     pub fn from_toml(text: &str, file: &str) -> Result<Self, SceneError> {
-        scene_file::parse(text).map_err(|fault| {
+        Self::parse(text, file, &Assets::beside(Path::new("")))
+    }
+
+    fn parse(text: &str, file: &str, assets: &Assets) -> Result<Self, SceneError> {
+        let parsed = scene_file::parse(text, file, assets);
+        parsed.map_err(|fault| {
             let (line, text) = line_at(text, fault.offset);
             SceneError::Invalid { file: file.to_owned(), line, message: fault.message, text: text.trim().to_owned() }
         })
@@ -201,7 +286,7 @@ impl Scene {
     pub fn builtin(name: &str) -> Result<Self, SceneError> {
         let found = BUILTIN.iter().find(|(known, _)| *known == name);
         let (name, text) = found.ok_or_else(|| SceneError::UnknownBuiltin { name: name.to_owned() })?;
-        Self::from_toml(text, &format!("built-in scene {name}"))
+        Self::parse(text, &format!("built-in scene {name}"), &Assets::BuiltIn)
     }
 
     /// The names [`Scene::builtin`] knows, in alphabetical order.
@@ -228,7 +313,7 @@ impl fmt::Display for Label {
 }
 
 /// The number (from 1) and the text of the line in which byte `offset` lies.
-fn line_at(text: &str, offset: usize) -> (usize, &str) {
+pub(super) fn line_at(text: &str, offset: usize) -> (usize, &str) {
     let before = text.bytes().take(offset).filter(|&b| b == b'\n').count();
     (before + 1, text.lines().nth(before).unwrap_or_default())
 }
@@ -249,7 +334,10 @@ mod tests {
     #[test]
     fn an_unknown_builtin_scene_is_answered_with_the_known_names() {
         let message = Scene::builtin("moon").unwrap_err().to_string();
-        assert!(message.contains("`moon`") && message.contains("plane, simple"), "{message}");
+        assert!(
+            message.contains("`moon`") && message.contains("field, plane, simple, structured, unstructured"),
+            "{message}"
+        );
     }
 
     #[test]
@@ -260,11 +348,14 @@ mod tests {
 
     #[test]
     fn a_scene_file_on_disk_is_the_scene_in_its_text() {
-        let text = BUILTIN[1].1;
+        let text = BUILTIN[2].1;
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("hill.toml");
         std::fs::write(&path, text).unwrap();
-        assert_eq!(Scene::load(&path).unwrap(), Scene::builtin("simple").unwrap());
+        let loaded = Scene::load(&path).unwrap();
+        assert_eq!(loaded.origin.file, path.display().to_string());
+        let builtin = Scene::builtin("simple").unwrap();
+        assert_eq!(Scene { origin: builtin.origin.clone(), ..loaded }, builtin);
     }
 
     #[test]

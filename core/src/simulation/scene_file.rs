@@ -6,11 +6,14 @@
 use serde::Deserialize;
 use toml::Spanned;
 
+use super::assets::Assets;
 use super::file_values::{Interval, Number};
+use super::model_tables::{self, ModelTable};
 use super::object_tables::{
     BoxTable, ConeTable, CylinderTable, HouseTable, Place, RampTable, SphereTable, StairsTable, TreeTable, WallTable,
 };
-use super::scene::{ScanPose, Scene, SceneObject, WorkArea};
+use super::robot_tables::{self, RobotTable};
+use super::scene::{Colour, Label, Origin, ScanPose, Scene, SceneObject, WorkArea, line_at};
 use super::terrain::TerrainConfig;
 
 /// What is wrong, and where in the text.
@@ -22,23 +25,28 @@ pub(super) struct Fault {
 }
 
 /// Reads and checks the text of a scene file.
-pub(super) fn parse(text: &str) -> Result<Scene, Fault> {
+pub(super) fn parse(text: &str, name: &str, assets: &Assets) -> Result<Scene, Fault> {
     let file: SceneFile = toml::from_str(text).map_err(|error| Fault {
         offset: error.span().map_or(0, |span| span.start),
         message: error.message().to_owned(),
     })?;
-    file.into_scene()
+    file.into_scene(text, name, assets)
 }
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SceneFile {
     name: String,
-    area: AreaTable,
+    area: Spanned<AreaTable>,
     terrain: Option<Spanned<TerrainConfig>>,
+    ground_colour: Option<Colour>,
     start: Spanned<PoseTable>,
     #[serde(default)]
     poses: Vec<Spanned<PoseTable>>,
+    #[serde(default, rename = "model")]
+    models: Vec<Spanned<ModelTable>>,
+    #[serde(default, rename = "robot")]
+    robots: Vec<Spanned<RobotTable>>,
     #[serde(default, rename = "box")]
     boxes: Vec<Spanned<BoxTable>>,
     #[serde(default, rename = "cylinder")]
@@ -110,15 +118,26 @@ fn pose_in(area: &WorkArea, table: &Spanned<PoseTable>) -> Result<ScanPose, Faul
 }
 
 impl SceneFile {
-    fn into_scene(self) -> Result<Scene, Fault> {
-        let area = WorkArea { x_m: self.area.x_m.0, y_m: self.area.y_m.0 };
+    fn into_scene(self, text: &str, name: &str, assets: &Assets) -> Result<Scene, Fault> {
+        let line = |offset| line_at(text, offset).0;
+        let origin = Origin {
+            file: name.to_owned(),
+            start_line: line(self.start.span().start),
+            area_line: line(self.area.span().start),
+        };
+        let area = self.area.into_inner();
+        let area = WorkArea { x_m: area.x_m.0, y_m: area.y_m.0 };
         let terrain_offset = self.terrain.as_ref().map_or(0, |t| t.span().start);
-        let terrain = self.terrain.map(Spanned::into_inner).unwrap_or_default();
+        let mut terrain = self.terrain.map(Spanned::into_inner).unwrap_or_default();
+        if let Some(heights) = &mut terrain.heights {
+            let message = |reason| format!("terrain.heights: {reason}");
+            heights.load(assets).map_err(|reason| Fault { offset: terrain_offset, message: message(reason) })?;
+        }
         if let Some((field, allowed)) = terrain.fault(&area) {
             return Err(Fault { offset: terrain_offset, message: format!("terrain.{field} {allowed}") });
         }
-        let widen = |[low, high]: [f64; 2]| [low - terrain.margin_m, high + terrain.margin_m];
-        let ground = WorkArea { x_m: widen(area.x_m), y_m: widen(area.y_m) };
+        let [x_m, y_m] = terrain.extent(&area);
+        let ground = WorkArea { x_m, y_m };
 
         let mut objects = Vec::new();
         place_all(&self.boxes, &ground, &mut objects)?;
@@ -131,9 +150,13 @@ impl SceneFile {
         place_all(&self.ramps, &ground, &mut objects)?;
         place_all(&self.stairs, &ground, &mut objects)?;
 
+        let models = model_tables::models(self.models, &ground, assets)?;
+
         let start = pose_in(&area, &self.start)?;
+        let robots = robot_tables::robots(self.robots, &start, assets, line)?;
         let poses = self.poses.iter().map(|table| pose_in(&area, table)).collect::<Result<_, _>>()?;
-        Ok(Scene { name: self.name, area, terrain, objects, start, poses })
+        let ground_colour = self.ground_colour.unwrap_or_else(|| Label::Ground.colour());
+        Ok(Scene { name: self.name, area, terrain, objects, models, robots, ground_colour, origin, start, poses })
     }
 }
 

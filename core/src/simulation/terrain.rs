@@ -5,6 +5,7 @@ use rand_chacha::{ChaCha8Rng, rand_core::SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
+use super::height_grid::HeightFile;
 use super::scene::WorkArea;
 
 /// The ground's form. The height at (x, y) [m] is `height_m` + the slopes + the bumps + the waves + the roughness.
@@ -18,6 +19,9 @@ pub struct TerrainConfig {
     pub margin_m: f64,
     /// Height at the origin of the inclined plane [m].
     pub height_m: f64,
+    /// Heights from a file, added to all the rest. The ground then covers this grid, and `cell_m` and `margin_m` do not
+    /// count.
+    pub heights: Option<HeightFile>,
     /// Inclination of the plane along x [deg].
     pub slope_x_deg: f64,
     /// Inclination of the plane along y [deg].
@@ -39,6 +43,7 @@ impl Default for TerrainConfig {
             cell_m: 0.5,
             margin_m: 5.0,
             height_m: 0.0,
+            heights: None,
             slope_x_deg: 0.0,
             slope_y_deg: 0.0,
             bumps: Vec::new(),
@@ -120,13 +125,26 @@ impl TerrainConfig {
             ),
             (rough.is_none_or(|r| r.sigma_m >= 0.0 && r.sigma_m < 10.0), "roughness.sigma_m", "must lie in 0 .. 10"),
             (
-                rough.is_none_or(|r| r.correlation_m >= 2.0 * self.cell_m),
+                rough.is_none_or(|r| r.correlation_m >= 2.0 * self.heights.as_ref().map_or(self.cell_m, |h| h.cell_m)),
                 "roughness.correlation_m",
                 "must be at least twice terrain.cell_m",
             ),
         ];
         if let Some(&(_, field, allowed)) = checks.iter().find(|(holds, _, _)| !holds) {
             return Some((field, allowed));
+        }
+        if let Some(heights) = &self.heights {
+            let [x, y] = heights.extent();
+            let around = |[low, high]: [f64; 2], area: [f64; 2]| low <= area[0] && high >= area[1];
+            return if !(heights.cell_m > 0.0 && heights.cell_m <= 100.0) {
+                Some(("heights.cell_m", "must lie in 0 < cell_m <= 100"))
+            } else if heights.grid.heights.is_empty() {
+                Some(("heights.file", "must have been read"))
+            } else if !(around(x, area.x_m) && around(y, area.y_m)) {
+                Some(("heights", "must cover the work area; see file, cell_m, x_m and y_m"))
+            } else {
+                None
+            };
         }
         let nodes = (self.span(area.x_m) / self.cell_m + 2.0) * (self.span(area.y_m) / self.cell_m + 2.0);
         (nodes > MAX_NODES || !nodes.is_finite())
@@ -138,9 +156,18 @@ impl TerrainConfig {
         interval[1] - interval[0] + 2.0 * self.margin_m
     }
 
+    /// The rectangle that the ground covers: x and y from their lower to their upper ends [m].
+    pub(super) fn extent(&self, area: &WorkArea) -> [[f64; 2]; 2] {
+        if let Some(heights) = &self.heights {
+            return heights.extent();
+        }
+        let widen = |[low, high]: [f64; 2]| [low - self.margin_m, high + self.margin_m];
+        [widen(area.x_m), widen(area.y_m)]
+    }
+
     /// Whether two triangles can show the whole ground.
     fn is_plane(&self) -> bool {
-        self.bumps.is_empty() && self.waves.is_empty() && self.roughness.is_none()
+        self.heights.is_none() && self.bumps.is_empty() && self.waves.is_empty() && self.roughness.is_none()
     }
 
     /// Height of the smooth part, without roughness [m].
@@ -175,20 +202,27 @@ impl Terrain {
     /// Samples the ground over the work area and its margin.
     #[must_use]
     pub fn new(config: &TerrainConfig, area: &WorkArea) -> Self {
-        let axis = |interval: [f64; 2]| {
-            let span = config.span(interval);
-            let cells = if config.is_plane() { 1.0 } else { (span / config.cell_m).ceil().max(1.0) };
-            (interval[0] - config.margin_m, span / cells, cells as usize + 1)
+        let [x, y] = config.extent(area);
+        let file = config.heights.as_ref();
+        let axis = |[low, high]: [f64; 2], nodes: Option<usize>| {
+            let span = high - low;
+            let cells = match nodes {
+                Some(nodes) => (nodes - 1) as f64,
+                None if config.is_plane() => 1.0,
+                None => (span / config.cell_m).ceil().max(1.0),
+            };
+            (low, span / cells, cells as usize + 1)
         };
-        let (x0, dx, nx) = axis(area.x_m);
-        let (y0, dy, ny) = axis(area.y_m);
+        let (x0, dx, nx) = axis(x, file.map(|file| file.grid.cols.max(2)));
+        let (y0, dy, ny) = axis(y, file.map(|file| file.grid.rows.max(2)));
         let lattice = config.roughness.as_ref().map(|r| Lattice::new(r, dx * (nx - 1) as f64, dy * (ny - 1) as f64));
         let mut heights = Vec::with_capacity(nx * ny);
         for j in 0..ny {
             for i in 0..nx {
                 let (u, v) = (i as f64 * dx, j as f64 * dy);
                 let rough = lattice.as_ref().map_or(0.0, |lattice| lattice.height(u, v));
-                heights.push(config.smooth_height(x0 + u, y0 + v) + rough);
+                let read = file.and_then(|file| file.grid.heights.get(j * nx + i)).copied().unwrap_or(0.0);
+                heights.push(config.smooth_height(x0 + u, y0 + v) + rough + read);
             }
         }
         Self { origin: [x0, y0], cell: [dx, dy], nodes: [nx, ny], heights }

@@ -220,6 +220,15 @@ pub enum BenchCommand {
     Pipeline(BenchPipelineArgs),
     /// Time of a plan, and what strategies achieve in whole explorations.
     Planning(BenchPlanningArgs),
+    /// Rays a second, time of a scan and of a step of the physics in every built-in world.
+    Simulator {
+        /// Write the figures to this file.
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Runs of every case, apart from one for warming up.
+        #[arg(long, value_name = "N", default_value_t = 11)]
+        repetitions: usize,
+    },
 }
 
 /// Arguments of `bench pipeline`.

@@ -209,3 +209,59 @@ fn a_config_is_written_as_toml_and_read_back() {
     assert_eq!(toml::from_str::<ScannerConfig>(&text).unwrap(), coarse());
     assert!(toml::from_str::<ScannerConfig>("beems = 3").is_err());
 }
+
+#[test]
+fn dark_and_grazing_surfaces_give_fewer_returns() {
+    let wall = |colour: u8| {
+        format!(
+            "[[wall]]\nfrom_m = [12, -9]\nto_m = [12, 9]\nheight_m = 6\nthickness_m = 0.4\ncolour = [{colour}, {colour}, {colour}]\n"
+        )
+    };
+    let config = ScannerConfig { beam_step_deg: 1.0, beams: 60, ..ScannerConfig::lms111() };
+    let config = ScannerConfig { divergence_deg: 0.0, ..config };
+    let on_wall = |colour| {
+        let world = world(&wall(colour));
+        let points = scan(config.clone(), &world, &pose(&world, 0.0, 0.0, 0.0), SEED, 2);
+        points.iter().filter(|p| p.is_return() && (p.x - 11.8).abs() < 0.1).copied().collect::<Vec<_>>()
+    };
+    let (bright, dark) = (on_wall(230), on_wall(6));
+    assert!(dark.len() * 3 < bright.len(), "{} {}", dark.len(), bright.len());
+    assert!(bright.iter().all(|p| p.intensity > 1000), "{:?}", bright[0]);
+    // Open ground: all returns near, hardly any where the beams graze.
+    let world = world("terrain = { margin_m = 60 }\n");
+    let points = scan(config.clone(), &world, &pose(&world, 0.0, 0.0, 0.0), SEED, 2);
+    let share = |low: f64, high: f64| {
+        let ideal = scan(config.noise_free(), &world, &pose(&world, 0.0, 0.0, 0.0), SEED, 2);
+        let inside = |p: &Point| (low..high).contains(&f64::from(p.range()));
+        let seen = ideal.iter().zip(&points).filter(|(i, p)| inside(i) && p.is_return()).count();
+        seen as f64 / ideal.iter().filter(|p| inside(p)).count() as f64
+    };
+    assert!(share(1.0, 5.0) > 0.99 && share(25.0, 50.0) < 0.1, "{} {}", share(1.0, 5.0), share(25.0, 50.0));
+}
+
+#[test]
+fn at_edges_ranges_mix_and_elsewhere_they_do_not() {
+    // A post 0.5 m before a wall: nearer than the pulse is long.
+    let tail = "[[box]]\nlabel = \"other\"\nx_m = 5\ny_m = 0\nlength_m = 0.4\nwidth_m = 0.5\nheight_m = 3\n\
+                [[wall]]\nfrom_m = [5.5, -9]\nto_m = [5.5, 9]\nheight_m = 3\nthickness_m = 0.4\n";
+    let world = world(tail);
+    let at = pose(&world, 0.0, 0.0, 0.0);
+    let ideal = ScannerConfig { first_beam_deg: -10.0, beams: 41, ..ScannerConfig::default() }.noise_free();
+    let wide = ScannerConfig { divergence_deg: 0.86, ..ideal.clone() };
+    let (ideal, wide) = (scan(ideal, &world, &at, SEED, 1), scan(wide.clone(), &world, &at, SEED, 2));
+    let between = |points: &[Point]| {
+        points.iter().filter(|p| p.is_return() && (4.85..5.25).contains(&p.x) && p.y.abs() < 0.4).count()
+    };
+    assert_eq!(between(&ideal), 0);
+    assert!(between(&wide) > 20, "{}", between(&wide));
+    let changed = ideal.iter().zip(&wide).filter(|(a, b)| (a.range() - b.range()).abs() > 1e-6).count();
+    assert!(changed * 20 < ideal.len(), "{changed} of {}", ideal.len());
+}
+
+#[test]
+fn mixed_ranges_do_not_depend_on_the_number_of_threads() {
+    let world = CompiledScene::new(Scene::builtin("structured").unwrap()).unwrap();
+    let config = ScannerConfig { beam_step_deg: 2.0, beams: 136, sweeps: 180, ..ScannerConfig::lms111() };
+    let at = pose(&world, -34.0, 0.5, 0.0);
+    assert_eq!(bits(&scan(config.clone(), &world, &at, SEED, 1)), bits(&scan(config, &world, &at, SEED, 3)));
+}

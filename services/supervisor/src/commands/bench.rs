@@ -8,6 +8,7 @@ use mirador_bench::BenchReport;
 use mirador_bench::ipc::{self, IpcOptions};
 use mirador_bench::planning::{self, PlanningBenchError, PlanningCase, PlanningOptions};
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
+use mirador_bench::simulator::{self, SimulatorBenchError};
 use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
@@ -60,6 +61,21 @@ pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Regist
 /// A scene through the whole graph.
 pub fn pipeline(common: &Common, args: &BenchPipelineArgs, registry: &Registry) -> Result<u8> {
     keep(&bench_pipeline::measure(common, args, registry)?, args.json.as_deref())?;
+    Ok(EXIT_DONE)
+}
+
+/// Speed of the simulator.
+pub fn simulator(json: Option<&Path>, repetitions: usize, quiet: bool) -> Result<u8> {
+    let mut say = |line: &str| {
+        if !quiet {
+            eprintln!("{line}");
+        }
+    };
+    let report = simulator::run(repetitions, &mut say).map_err(|error| match error {
+        SimulatorBenchError::NoRepetitions => anyhow::Error::new(UsageError(error.to_string())),
+        other => other.into(),
+    })?;
+    keep(&report, json)?;
     Ok(EXIT_DONE)
 }
 

@@ -34,6 +34,9 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Bench { what: BenchCommand::Ipc { json, messages, pace_ms } }) => {
             bench::ipc(json.as_deref(), messages, pace_ms)
         }
+        Some(Command::Bench { what: BenchCommand::Simulator { json, repetitions } }) => {
+            bench::simulator(json.as_deref(), repetitions, common.quiet)
+        }
         Some(Command::Bench { what: BenchCommand::Registration(args) }) => {
             bench::registration(&args, common.quiet, &registry)
         }
