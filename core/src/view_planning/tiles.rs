@@ -2,9 +2,7 @@
 //! changed. This file and [`super::grid`] are the only ones that know the map's cells.
 
 use super::config::PlanningConfig;
-use crate::information_map::{
-    CellState, InformationMap, Level, LevelChoice, Reach, TILE_CELLS, TILE_SIDE, Tile, TileIndex,
-};
+use crate::information_map::{Evidence, InformationMap, LevelChoice, Reach, TILE_CELLS, TILE_SIDE, Tile, TileIndex};
 use crate::threads;
 use nalgebra::Point3;
 use std::collections::HashMap;
@@ -237,12 +235,16 @@ impl TileDigest {
         self.bounds = TileBounds::NONE;
         self.several.clear();
         for (index, cell) in tile.known_cells() {
+            if let Some(evidence) = cell.undivided(rules.clearance_m) {
+                self.read_evidence(index.within_tile(), &evidence, rules);
+                continue;
+            }
             let levels = cell.levels(rules.clearance_m);
             if levels.as_slice().len() > 1 {
                 self.several.push((index.within_tile() as u8, choice.of(index) as u8));
             }
             if let Some(level) = choice.pick(index, &levels) {
-                self.read_level(index.within_tile(), level, rules);
+                self.read_evidence(index.within_tile(), &level.evidence, rules);
             }
         }
     }
@@ -252,8 +254,8 @@ impl TileDigest {
         self.several.iter().any(|&(within, shown)| choice.of(self.index.cell(within.into())) != usize::from(shown))
     }
 
-    fn read_level(&mut self, within: usize, level: &Level, rules: &Rules) {
-        let CellState::Known(navigability) = level.state(rules.obstacle_weight) else { return };
+    fn read_evidence(&mut self, within: usize, evidence: &Evidence, rules: &Rules) {
+        let Some(navigability) = evidence.navigability(rules.obstacle_weight) else { return };
         let (row, bit) = (within / SIDE, 1u16 << (within % SIDE));
         self.known[row] |= bit;
         if navigability < rules.sight {
@@ -262,7 +264,7 @@ impl TileDigest {
         if navigability > rules.navigable {
             self.navigable[row] |= bit;
         }
-        let (cells, evidence) = (&mut *self.cells, &level.evidence);
+        let cells = &mut *self.cells;
         let height = evidence.height().unwrap_or(0.0);
         let moments = evidence.mean_moments();
         for (column, moment) in cells.moments.iter_mut().zip(moments) {

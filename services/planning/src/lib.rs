@@ -6,6 +6,7 @@
 
 mod config;
 mod corrections;
+mod figures;
 mod inbox;
 mod messages;
 mod outbox;

@@ -141,22 +141,6 @@ fn map_cell(level: &Level, obstacle_weight: f64) -> MapCell {
     }
 }
 
-/// The map in two figures.
-pub(crate) struct Figures {
-    pub cells_known: u32,
-    pub mean_quality: f64,
-}
-
-/// Known cells, and their mean quality.
-pub(crate) fn figures(map: &InformationMap) -> Figures {
-    let (mut known, mut quality) = (0_u32, 0.0);
-    for (_, cell) in map.known_cells() {
-        known += 1;
-        quality += cell.quality().unwrap_or(0.0);
-    }
-    Figures { cells_known: known, mean_quality: if known == 0 { 0.0 } else { quality / f64::from(known) } }
-}
-
 /// C_nc at a place of a path: of the level whose ground is nearest to it, 0 where nothing is known.
 pub(crate) fn navigability_at(map: &InformationMap, [x, y, z]: [f64; 3]) -> f64 {
     let Some(cell) = map.cell_containing(x, y).and_then(|index| map.cell(index)) else { return 0.0 };
@@ -240,7 +224,7 @@ mod tests {
         assert_eq!(deck[1].clearance, f32::INFINITY);
         assert!(road[2].ground.is_nan());
         assert_eq!(road[0].navigability, 65535);
-        assert_eq!(figures(&map).cells_known, 2);
+        assert_eq!(map.known_cells().count(), 2);
         assert!((navigability_at(&map, [0.5, 0.1, 2.9]) - 1.0).abs() < 1e-9);
         assert_eq!(navigability_at(&map, [5.0, 5.0, 0.0]), 0.0);
     }

@@ -6,6 +6,7 @@ use mirador_ipc_schema::messages::{CandidateView, Header, MapMeta, MapTile, Path
 use mirador_ipc_schema::{Participant, Publisher, Topic, topics};
 use mirador_service_common::ServiceError;
 
+use crate::figures::Figures;
 use crate::messages;
 
 /// The sending end.
@@ -103,8 +104,7 @@ impl Outbox {
     ///
     /// # Errors
     /// See [`ServiceError`].
-    pub fn send_tiles(&mut self, map: &InformationMap, news: &TileNews) -> Result<(), ServiceError> {
-        let figures = messages::figures(map);
+    pub fn send_tiles(&mut self, map: &InformationMap, figures: &Figures, news: &TileNews) -> Result<(), ServiceError> {
         self.buffer.clear();
         for tile in map.tiles_changed_since(news.since) {
             messages::write_levels(tile, map, &mut self.buffer);

@@ -15,6 +15,7 @@ use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
 use crate::corrections::Corrections;
+use crate::figures::FigureBook;
 use crate::inbox::{Inbox, Step};
 use crate::outbox::{Outbox, TileNews};
 use crate::state::{self, KeptMap, Progress};
@@ -58,6 +59,7 @@ struct Planning<'a> {
     outbox: Outbox,
     health: HealthReporter,
     kept: KeptMap,
+    figures: FigureBook,
     condenser: Condenser,
     strategy: Box<dyn Strategy>,
     workspace: Workspace,
@@ -92,6 +94,7 @@ impl<'a> Planning<'a> {
             health,
             shown_revision: kept.map.revision(),
             kept,
+            figures: FigureBook::default(),
             condenser: Condenser::new(),
             strategy,
             workspace: Workspace::new(),
@@ -110,7 +113,7 @@ impl<'a> Planning<'a> {
         self.outbox.repeat(&self.progress.last_plan, &self.progress.last_path)?;
         let header = self.progress.header(clock::monotonic_ns());
         let news = TileNews { header, since: 0, cause: MAP_CAUSE_RESTART, moved_scans: 0 };
-        self.outbox.send_tiles(&self.kept.map, &news)?;
+        self.outbox.send_tiles(&self.kept.map, &self.figures.figures(&self.kept.map), &news)?;
         self.health.finished(participant, self.progress.finished_scans, Duration::ZERO);
         Ok(())
     }
@@ -302,7 +305,7 @@ impl<'a> Planning<'a> {
             map_ns: nanoseconds(map_time),
             planning_ns: nanoseconds(begin.elapsed()),
             map_from_scanner: rows_from_pose(&basis.map_from_scanner),
-            cells_known: map.known_cells().count() as u32,
+            cells_known: self.figures.cells_known(map),
             zones: map.zones().len() as u32,
             map_tiles: map.tiles().count() as u32,
             map_bytes: map.bytes() as u64,
@@ -316,7 +319,7 @@ impl<'a> Planning<'a> {
     /// Sends the tiles that changed since the last time.
     fn show(&mut self, header: Header, cause: u32) -> Result<(), ServiceError> {
         let news = TileNews { header, since: self.shown_revision, cause, moved_scans: self.moved };
-        self.outbox.send_tiles(&self.kept.map, &news)?;
+        self.outbox.send_tiles(&self.kept.map, &self.figures.figures(&self.kept.map), &news)?;
         self.shown_revision = self.kept.map.revision();
         self.moved = 0;
         Ok(())
