@@ -10,7 +10,11 @@ use nalgebra::Vector3;
 
 /// Slots of the table; twice the points of a block, so that a free one is always near.
 const SLOTS: usize = 512;
-const FREE: u16 = u16::MAX;
+/// Points, and so groups, of a block at most.
+const LARGEST_BLOCK: usize = 256;
+/// Free slots lead to group 0, which is never used and whose key no point has.
+const FREE: u16 = 0;
+const FREE_KEY: u64 = u64::MAX;
 
 /// Shifts from units to the extent within which returns are taken together: across, and up.
 const FINE: (u32, u32) = (CELL_SHIFT - 1, 7);
@@ -52,8 +56,9 @@ pub(super) fn byte(sum: u32, count: u32) -> u8 {
     ((sum + count * 128) / (count * 257)) as u8
 }
 
-/// Returns of the same place and kind.
+/// Returns of the same place and kind: one cache line.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 struct Group {
     key: u64,
     kind: u8,
@@ -67,11 +72,30 @@ struct Group {
     normal: Vector3<f32>,
 }
 
+const _: () = assert!(size_of::<Group>() == 64);
+
+impl Group {
+    /// Of nothing.
+    const EMPTY: Self = Self {
+        key: FREE_KEY,
+        kind: 0,
+        corner: Place { x: 0, y: 0, z: 0 },
+        count: 0,
+        place: [0; 3],
+        navigable: 0,
+        obstacle: 0,
+        quality: 0,
+        normal: Vector3::new(0.0, 0.0, 0.0),
+    };
+}
+
 /// One block after the other.
 #[derive(Debug)]
 pub(super) struct Block {
     slots: [u16; SLOTS],
-    groups: Vec<Group>,
+    /// From 1 to `used`; those above are empty.
+    groups: [Group; LARGEST_BLOCK + 1],
+    used: u16,
     /// Points of the band that counted, had no score, or were too far away.
     pub counted: usize,
     pub without_score: usize,
@@ -80,7 +104,14 @@ pub(super) struct Block {
 
 impl Default for Block {
     fn default() -> Self {
-        Self { slots: [FREE; SLOTS], groups: Vec::new(), counted: 0, without_score: 0, outside: 0 }
+        Self {
+            slots: [FREE; SLOTS],
+            groups: [Group::EMPTY; LARGEST_BLOCK + 1],
+            used: 0,
+            counted: 0,
+            without_score: 0,
+            outside: 0,
+        }
     }
 }
 
@@ -92,9 +123,11 @@ impl Block {
     /// Takes a row of the block, and says where its points are. A block has at most 256 points.
     #[inline]
     pub fn take_row(&mut self, points: &[Point], scores: &[PointScore], places: &mut [Place], frame: &Frame) {
-        let mut last = usize::MAX;
-        for ((point, score), out) in points.iter().zip(scores).zip(places) {
-            *out = NOWHERE;
+        let n = points.len();
+        let (scores, places) = (&scores[..n], &mut places[..n]);
+        for i in 0..n {
+            let (point, score) = (&points[i], &scores[i]);
+            places[i] = NOWHERE;
             if !point.is_return() {
                 continue;
             }
@@ -106,18 +139,17 @@ impl Block {
                 self.outside += 1;
                 continue;
             };
-            *out = place;
+            places[i] = place;
             self.counted += 1;
             let (navigable, obstacle) = reachable_scores(score);
             let kind = frame.thresholds.kind(navigable, obstacle);
             let (across, up) = if kind == 0 { COARSE } else { FINE };
             let corner = Place { x: place.x >> across, y: place.y >> across, z: place.z >> up };
             let key = key(corner, kind);
-            // Mostly it is the place of the point before.
-            if self.groups.get(last).is_none_or(|group| group.key != key) {
-                last = self.find(key, kind, Place { x: corner.x << across, y: corner.y << across, z: corner.z << up });
-            }
-            let group = &mut self.groups[last];
+            let group = self.group(key);
+            // The same for all of a group: writing it again is cheaper than a branch that cannot be predicted.
+            (group.key, group.kind) = (key, kind);
+            group.corner = Place { x: corner.x << across, y: corner.y << across, z: corner.z << up };
             group.count += 1;
             group.place[0] += (place.x - group.corner.x) as u32;
             group.place[1] += (place.y - group.corner.y) as u32;
@@ -125,44 +157,40 @@ impl Block {
             group.navigable += u32::from(navigable);
             group.obstacle += u32::from(obstacle);
             group.quality += u32::from(score.quality);
-            group.normal += score.normal();
+            let normal = score.normal();
+            group.normal.x += normal.x;
+            group.normal.y += normal.y;
+            group.normal.z += normal.z;
         }
     }
 
-    /// The group of a key, made if need be.
+    /// The group of a key; an empty one for a key that is new.
+    ///
+    /// About every other return begins a group, so whether one does is not a branch.
     #[inline]
-    fn find(&mut self, key: u64, kind: u8, corner: Place) -> usize {
+    fn group(&mut self, key: u64) -> &mut Group {
         let mut slot = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 55) as usize;
+        let mut found = self.slots[slot];
         loop {
-            let group = self.slots[slot];
-            if group == FREE {
-                self.slots[slot] = self.groups.len() as u16;
-                self.groups.push(Group {
-                    key,
-                    kind,
-                    corner,
-                    count: 0,
-                    place: [0; 3],
-                    navigable: 0,
-                    obstacle: 0,
-                    quality: 0,
-                    normal: Vector3::zeros(),
-                });
-                return self.groups.len() - 1;
-            }
-            if self.groups[usize::from(group)].key == key {
-                return usize::from(group);
+            let held = self.groups[usize::from(found)].key;
+            if (held == key) | (held == FREE_KEY) {
+                break;
             }
             slot = (slot + 1) % SLOTS;
+            found = self.slots[slot];
         }
+        self.used += u16::from(found == FREE);
+        let group = if found == FREE { self.used } else { found };
+        self.slots[slot] = group;
+        &mut self.groups[usize::from(group)]
     }
 
     /// Ends the block: its groups become items, in the order in which they were met.
     pub fn finish(&mut self, frame: &Frame, items: &mut Vec<Item>) {
-        if self.groups.is_empty() {
+        if self.used == 0 {
             return;
         }
-        for group in &self.groups {
+        for group in &mut self.groups[1..=usize::from(self.used)] {
             let n = group.count;
             debug_assert!(n <= LARGEST_COUNT);
             let [x, y, z] = group.place;
@@ -178,8 +206,9 @@ impl Block {
             item.obstacle = byte(group.obstacle, n);
             item.normal = store(&normal);
             items.push(item);
+            *group = Group::EMPTY;
         }
-        self.groups.clear();
+        self.used = 0;
         self.slots.fill(FREE);
     }
 }

@@ -5,13 +5,16 @@ use super::condense::{Frame, NOWHERE};
 use super::index::{CellIndex, floor};
 use super::item::{CELL_SHIFT, CELL_UNITS, INTERPOLATED, Item, OBSTACLE, Place};
 use super::normal_statistics::store;
-use super::rasterise::{cells_inside, cells_under_longest_side};
+use super::rasterise::{Outline, cells_under_longest_side};
 use crate::analysis::PointScore;
 use crate::scan::Grid;
 use nalgebra::Vector3;
 use std::ops::Range;
 
 const ANY_KEPT: u16 = PointScore::KEPT_WITHOUT * 0b1111;
+
+/// The corners of a quad's triangles, by the corner each leaves out.
+const CORNERS_WITHOUT: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
 /// Triangles that were rasterised.
 #[derive(Debug, Clone, Copy, Default)]
@@ -43,14 +46,17 @@ impl Patches<'_> {
                 }
                 let right = if col + 1 < cols { col + 1 } else { 0 };
                 // Most quads lie within one cell, which has its own points.
-                if is_one_cell(&upper[col], &upper[right], &lower[col], &lower[right]) {
+                let (a, b, c, d) = (&upper[col], &upper[right], &lower[col], &lower[right]);
+                if is_one_cell(a, b, c, d) || is_short(a, b, c, d) {
                     continue;
                 }
                 let quad = [row * cols + col, row * cols + right, below * cols + col, below * cols + right];
-                for (without, [i, j, k]) in [(0, [1, 2, 3]), (1, [0, 2, 3]), (2, [0, 1, 3]), (3, [0, 1, 2])] {
-                    if score.keeps_triangle_without(without) {
-                        self.triangle([quad[i], quad[j], quad[k]], &mut tally, out);
-                    }
+                // One turn a kept triangle: which of the four they are cannot be predicted, that they are two can.
+                let mut kept = (score.flags & ANY_KEPT) / PointScore::KEPT_WITHOUT;
+                while kept != 0 {
+                    let [i, j, k] = CORNERS_WITHOUT[kept.trailing_zeros() as usize];
+                    self.triangle([quad[i], quad[j], quad[k]], &mut tally, out);
+                    kept &= kept - 1;
                 }
             }
         }
@@ -60,54 +66,60 @@ impl Patches<'_> {
     fn triangle(&self, corners: [usize; 3], tally: &mut PatchTally, out: &mut Vec<Item>) {
         // Written out: `array::map` is not inlined here and costs as much as the rest.
         let [a, b, c] = corners;
-        let (p, q, r) = (self.places[a], self.places[b], self.places[c]);
-        if p == NOWHERE || q == NOWHERE || r == NOWHERE || !is_long(&p, &q, &r) {
+        let (p, q, r) = (&self.places[a], &self.places[b], &self.places[c]);
+        if *p == NOWHERE || *q == NOWHERE || *r == NOWHERE || !is_long(p, q, r) {
             return;
         }
         let scores = [&self.scores[a], &self.scores[b], &self.scores[c]];
-        if !scores.iter().any(|score| score.is_reachable()) {
+        if (scores[0].flags | scores[1].flags | scores[2].flags) & PointScore::REACHABLE == 0 {
             return;
         }
         tally.triangles += 1;
-        let own = [cell_of(&p), cell_of(&q), cell_of(&r)];
-        let positions = [position(&p), position(&q), position(&r)];
-        let plan =
-            [[positions[0].x, positions[0].y], [positions[1].x, positions[1].y], [positions[2].x, positions[2].y]];
-        let mut put = |cell: CellIndex, height: f64, item: &Item| {
-            let middle = |v: i32| (v << CELL_SHIFT) + CELL_UNITS / 2;
-            out.push(item.at(Place { x: middle(cell.x), y: middle(cell.y), z: floor(height + 0.5) }));
-        };
         let clipped = if self.is_obstacle(scores) {
-            let height = (positions[0].z + positions[1].z + positions[2].z) / 3.0;
-            let item = self.mean_item(scores);
-            cells_under_longest_side(&plan, &own, self.frame.max_cells, |cell| put(cell, height, &item))
+            self.steep([p, q, r], scores, out)
         } else {
             // Most triangles near the scanner are small and cover no cell's centre: nothing is prepared for those.
             let mut prepared: Option<(Plane, Item)> = None;
-            cells_inside(&plan, self.frame.max_cells, |cell| {
-                let (plane, item) =
-                    prepared.get_or_insert_with(|| (Plane::through(&positions), self.mean_item(scores)));
-                put(cell, plane.height_at(cell), item);
+            Outline::of([(p.x, p.y), (q.x, q.y), (r.x, r.y)]).cells_inside(self.frame.max_cells, |cell| {
+                let (plane, item) = prepared.get_or_insert_with(|| {
+                    (Plane::through(&[position(p), position(q), position(r)]), self.mean_item(scores))
+                });
+                out.push(over(cell, plane.height_at(cell), item));
             })
         };
         tally.clipped += usize::from(clipped);
     }
 
+    /// An obstacle is as high as its middle all along its longest side.
+    fn steep(&self, [p, q, r]: [&Place; 3], scores: [&PointScore; 3], out: &mut Vec<Item>) -> bool {
+        let positions = [position(p), position(q), position(r)];
+        let plan =
+            [[positions[0].x, positions[0].y], [positions[1].x, positions[1].y], [positions[2].x, positions[2].y]];
+        let height = (positions[0].z + positions[1].z + positions[2].z) / 3.0;
+        let item = self.mean_item(scores);
+        let own = [cell_of(p), cell_of(q), cell_of(r)];
+        cells_under_longest_side(&plan, &own, self.frame.max_cells, |cell| out.push(over(cell, height, &item)))
+    }
+
     fn is_obstacle(&self, scores: [&PointScore; 3]) -> bool {
-        let sum: u32 = scores.iter().map(|score| u32::from(reachable_scores(score).1)).sum();
+        let obstacle = |score: &PointScore| u32::from(reachable_scores(score).1);
+        let sum = obstacle(scores[0]) + obstacle(scores[1]) + obstacle(scores[2]);
         self.frame.thresholds.kind(0, ((sum + 1) / 3) as u16) & OBSTACLE != 0
     }
 
     /// The mean scores and normal of a triangle's corners; a corner out of the robot's reach has F = B = 0.
     fn mean_item(&self, scores: [&PointScore; 3]) -> Item {
         let (mut navigable, mut obstacle, mut quality) = (0, 0, 0);
-        let mut normal = Vector3::zeros();
+        let mut normal = Vector3::new(0.0, 0.0, 0.0);
         for score in scores {
             let (f, b) = reachable_scores(score);
             navigable += u32::from(f);
             obstacle += u32::from(b);
             quality += u32::from(score.quality);
-            normal += score.normal();
+            let own = score.normal();
+            normal.x += own.x;
+            normal.y += own.y;
+            normal.z += own.z;
         }
         let mean = |sum: u32| ((sum + 1) / 3) as u16;
         let kind = self.frame.thresholds.kind(mean(navigable), mean(obstacle)) | INTERPOLATED;
@@ -118,6 +130,13 @@ impl Patches<'_> {
         item.normal = store(&normal);
         item
     }
+}
+
+/// The item over the middle of a cell, at a height.
+#[inline]
+fn over(cell: CellIndex, height: f64, item: &Item) -> Item {
+    let middle = |v: i32| (v << CELL_SHIFT) + CELL_UNITS / 2;
+    item.at(Place { x: middle(cell.x), y: middle(cell.y), z: floor(height + 0.5) })
 }
 
 #[inline]
@@ -143,8 +162,21 @@ fn is_one_cell(a: &Place, b: &Place, c: &Place, d: &Place) -> bool {
 /// wherever a correction moves them.
 #[inline]
 fn is_long(p: &Place, q: &Place, r: &Place) -> bool {
-    let extent = |a: i32, b: i32, c: i32| i64::from(a.max(b).max(c) - a.min(b).min(c));
-    let (x, y) = (extent(p.x, q.x, r.x), extent(p.y, q.y, r.y));
+    let extent = |a: i32, b: i32, c: i32| i64::from(a.max(b).max(c)) - i64::from(a.min(b).min(c));
+    is_extent_long(extent(p.x, q.x, r.x), extent(p.y, q.y, r.y))
+}
+
+/// Whether no triangle of a quad is long, told at once; a quad with a corner nowhere may have one.
+#[inline]
+fn is_short(a: &Place, b: &Place, c: &Place, d: &Place) -> bool {
+    let extent = |a: i32, b: i32, c: i32, d: i32| i64::from(a.max(b).max(c.max(d))) - i64::from(a.min(b).min(c.min(d)));
+    let (x, y) = (extent(a.x, b.x, c.x, d.x), extent(a.y, b.y, c.y, d.y));
+    // Compared first: the squares of what is nowhere may not fit.
+    (x | y) < i64::from(CELL_UNITS) && !is_extent_long(x, y)
+}
+
+#[inline]
+fn is_extent_long(x: i64, y: i64) -> bool {
     100 * (x * x + y * y) > 81 * i64::from(CELL_UNITS * CELL_UNITS)
 }
 
@@ -158,7 +190,10 @@ struct Plane {
 
 impl Plane {
     fn through(corners: &[Vector3<f64>; 3]) -> Self {
-        let normal = (corners[1] - corners[0]).cross(&(corners[2] - corners[0]));
+        // Written out, as nalgebra's products are not inlined here.
+        let [a, b, c] = corners;
+        let (u, v) = ([b.x - a.x, b.y - a.y, b.z - a.z], [c.x - a.x, c.y - a.y, c.z - a.z]);
+        let normal = Vector3::new(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]);
         // Seen edge on there is no slope: the clamp below keeps whatever comes out within the corners.
         let finite = |s: f64| if s.is_finite() { s } else { 0.0 };
         let slope = [finite(-normal.x / normal.z), finite(-normal.y / normal.z)];

@@ -2,49 +2,79 @@
 
 use super::grid_line::cells_of_line;
 use super::index::{CellIndex, floor};
+use super::item::{CELL_SHIFT, CELL_UNITS};
 
-/// Calls `visit` for every cell whose centre lies inside the triangle (corners in cell units), at most `limit` times.
-/// Edges are half open, so triangles that share an edge never share a cell. Returns whether cells were left out.
-#[inline]
-pub(super) fn cells_inside(corners: &[[f64; 2]; 3], limit: usize, mut visit: impl FnMut(CellIndex)) -> bool {
-    let ys = [corners[0][1], corners[1][1], corners[2][1]];
-    let lowest = ceil(ys[0].min(ys[1]).min(ys[2]) - 0.5);
-    let highest = floor(ys[0].max(ys[1]).max(ys[2]) - 0.5);
-    let mut left = limit;
-    for (row, y) in (lowest..=highest).enumerate() {
-        if row >= limit {
-            return true;
-        }
-        let Some((low, high)) = crossings(corners, f64::from(y) + 0.5) else { continue };
-        for x in ceil(low - 0.5)..ceil(high - 0.5) {
-            if left == 0 {
-                return true;
-            }
-            left -= 1;
-            visit(CellIndex { x, y });
-        }
-    }
-    false
+/// A triangle from above, its corners in units of a cell's side / `CELL_UNITS` (each stands for the unit's middle), in
+/// the order of x, then y.
+pub(super) struct Outline {
+    corners: [(i32, i32); 3],
 }
 
+impl Outline {
+    #[inline]
+    pub fn of([p, q, r]: [(i32, i32); 3]) -> Self {
+        // As one number each, so that they are compared, and exchanged, without branches.
+        let number = |(x, y): (i32, i32)| i64::from(x) << 32 | i64::from(y.wrapping_sub(i32::MIN) as u32);
+        let corner = |n: i64| ((n >> 32) as i32, (n as u32 as i32).wrapping_add(i32::MIN));
+        let (p, q, r) = (number(p), number(q), number(r));
+        let (low, high) = (p.min(q), p.max(q));
+        let (middle, last) = (high.min(r), high.max(r));
+        Self { corners: [corner(low.min(middle)), corner(low.max(middle)), corner(last)] }
+    }
+
+    /// Calls `visit` for every cell whose centre lies inside, at most `limit` times. Edges are half open, so triangles
+    /// that share an edge never share a cell. Returns whether cells were left out.
+    #[inline]
+    pub fn cells_inside(&self, limit: usize, mut visit: impl FnMut(CellIndex)) -> bool {
+        let [a, b, c] = self.corners;
+        // A middle of a unit is never the middle of a cell: the last cell whose centre lies before it is exact.
+        let before = |v: i32| (v - CELL_UNITS / 2) >> CELL_SHIFT;
+        let (lowest, highest) = (before(a.1.min(b.1).min(c.1)) + 1, before(a.1.max(b.1).max(c.1)));
+        let rows = (highest - lowest + 1) as usize;
+        if lowest > highest || (before(a.0) == before(c.0) && rows <= limit) {
+            return false;
+        }
+        let cells = |v: i32| (f64::from(v) + 0.5) / f64::from(CELL_UNITS);
+        let corners = [[cells(a.0), cells(a.1)], [cells(b.0), cells(b.1)], [cells(c.0), cells(c.1)]];
+        let mut left = limit;
+        for (row, y) in (lowest..=highest).enumerate() {
+            if row >= limit {
+                return true;
+            }
+            let (low, high) = crossings(&corners, f64::from(y) + 0.5);
+            for x in ceil(low - 0.5)..ceil(high - 0.5) {
+                if left == 0 {
+                    return true;
+                }
+                left -= 1;
+                visit(CellIndex { x, y });
+            }
+        }
+        false
+    }
+}
+
+#[inline]
 fn ceil(value: f64) -> i32 {
     -floor(-value)
 }
 
-/// Where the horizontal line at `y` enters and leaves the triangle.
+/// Where the horizontal line at `y`, which passes between the corners, enters and leaves the triangle. Its corners are
+/// in order, so the two triangles of an edge compute the same crossing.
 #[inline]
-fn crossings(corners: &[[f64; 2]; 3], y: f64) -> Option<(f64, f64)> {
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    for (i, j) in [(0, 1), (1, 2), (2, 0)] {
-        // The same end first whichever triangle owns the edge, so that both compute the same crossing.
-        let (a, b) = if corners[i] <= corners[j] { (corners[i], corners[j]) } else { (corners[j], corners[i]) };
-        if (a[1] <= y) != (b[1] <= y) {
-            let x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
-            low = low.min(x);
-            high = high.max(x);
-        }
-    }
-    (low < high).then_some((low, high))
+fn crossings(corners: &[[f64; 2]; 3], y: f64) -> (f64, f64) {
+    // All three are computed and one dropped: which one cannot be predicted. An edge along the line divides by zero,
+    // and is dropped.
+    let crossing = |a: [f64; 2], b: [f64; 2]| {
+        let x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+        let is_crossed = (a[1] <= y) != (b[1] <= y);
+        if is_crossed { (x, x) } else { (f64::INFINITY, f64::NEG_INFINITY) }
+    };
+    let least = |a: f64, b: f64| if a < b { a } else { b };
+    let greatest = |a: f64, b: f64| if a > b { a } else { b };
+    let [a, b, c] = *corners;
+    let (p, q, r) = (crossing(a, b), crossing(b, c), crossing(a, c));
+    (least(least(p.0, q.0), r.0), greatest(greatest(p.1, q.1), r.1))
 }
 
 /// Calls `visit` for the cells under the triangle's longest side, seen from above, at most `limit` times: a steep
@@ -73,10 +103,15 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn covered(corners: [[f64; 2]; 3]) -> Vec<CellIndex> {
+    fn covered(corners: [(i32, i32); 3]) -> Vec<CellIndex> {
         let mut cells = Vec::new();
-        assert!(!cells_inside(&corners, 100_000, |cell| cells.push(cell)));
+        assert!(!Outline::of(corners).cells_inside(100_000, |cell| cells.push(cell)));
         cells
+    }
+
+    fn units(range: std::ops::Range<i32>) -> impl Strategy<Value = (i32, i32)> {
+        let range = range.start * CELL_UNITS..range.end * CELL_UNITS;
+        (range.clone(), range)
     }
 
     fn is_inside(corners: &[[f64; 2]; 3], p: [f64; 2]) -> Option<bool> {
@@ -91,10 +126,11 @@ mod tests {
     proptest! {
         #[test]
         fn exactly_the_cells_with_their_centre_inside_are_covered(
-            a in prop::array::uniform2(-9.0..9.0f64), b in prop::array::uniform2(-9.0..9.0f64), c in prop::array::uniform2(-9.0..9.0f64),
+            a in units(-9..9), b in units(-9..9), c in units(-9..9),
         ) {
-            let corners = [a, b, c];
-            let cells = covered(corners);
+            let cells = covered([a, b, c]);
+            let middle = |v: i32| (f64::from(v) + 0.5) / f64::from(CELL_UNITS);
+            let corners = [a, b, c].map(|(x, y)| [middle(x), middle(y)]);
             for x in -10..10 {
                 for y in -10..10 {
                     if let Some(inside) = is_inside(&corners, [f64::from(x) + 0.5, f64::from(y) + 0.5]) {
@@ -106,9 +142,9 @@ mod tests {
 
         #[test]
         fn two_halves_of_a_quad_cover_each_cell_once(
-            a in prop::array::uniform2(-9.0..0.0f64), d in prop::array::uniform2(0.0..9.0f64),
+            a in units(-9..0), d in units(0..9),
         ) {
-            let (b, c) = ([d[0], a[1]], [a[0], d[1]]);
+            let (b, c) = ((d.0, a.1), (a.0, d.1));
             let mut both = covered([a, b, c]);
             both.extend(covered([b, d, c]));
             let count = both.len();
@@ -124,9 +160,9 @@ mod tests {
     #[test]
     fn a_triangle_larger_than_the_limit_is_clipped() {
         let mut count = 0;
-        assert!(cells_inside(&[[0.0, 0.0], [100.0, 0.0], [0.0, 100.0]], 50, |_| count += 1));
+        assert!(Outline::of([(0, 0), (6400, 0), (0, 6400)]).cells_inside(50, |_| count += 1));
         assert_eq!(count, 50);
-        assert!(cells_inside(&[[0.0, 0.0], [0.0, 1e7], [0.01, 1e7]], 50, |_| ()));
+        assert!(Outline::of([(0, 0), (0, 1 << 18), (1, 1 << 18)]).cells_inside(50, |_| ()));
     }
 
     #[test]
