@@ -140,24 +140,23 @@ impl Cell<'_> {
         levels
     }
 
-    /// The evidence of a cell whose evidence all belongs together, as nearly always; `None` where there is a gap of
-    /// `clearance_m` or more, and in an unknown cell. That of the only one of [`Self::levels`], at a fraction of its time.
+    /// The only one of [`Self::levels`] where all evidence of the cell belongs together, as nearly always, at a fraction of
+    /// the time; `None` where there is a gap of `clearance_m` or more, and in an unknown cell.
     #[must_use]
-    pub fn undivided(&self, clearance_m: f64) -> Option<Evidence> {
+    pub fn undivided(&self, clearance_m: f64) -> Option<Level> {
         let mut records = self.tile.records_of(self.within);
         let first = records.next()?;
-        let mut evidence = first.evidence;
-        let mut below = first;
+        let [bottom, top] = span(first);
+        let mut cluster = Cluster { bottom, ..Cluster::default() };
+        cluster.take(first, top);
         for record in records {
-            let [_, top] = span(below);
-            let [bottom, _] = span(record);
-            if bottom - top >= clearance_m {
+            let [bottom, top] = span(record);
+            if bottom - cluster.top >= clearance_m {
                 return None;
             }
-            evidence.merge(&record.evidence);
-            below = record;
+            cluster.take(record, top);
         }
-        Some(evidence)
+        Some(level_of(&cluster))
     }
 
     /// The lowest level.

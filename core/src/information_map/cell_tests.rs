@@ -116,7 +116,7 @@ proptest! {
             prop_assert!(level.lowest <= level.highest);
         }
         match (cell.undivided(1.2), levels.as_slice()) {
-            (Some(evidence), [level]) => prop_assert_eq!(evidence, level.evidence),
+            (Some(undivided), [level]) => prop_assert_eq!(undivided, *level),
             (Some(_), more) => prop_assert!(false, "{} levels of undivided evidence", more.len()),
             (None, more) => prop_assert!(more.len() > 1 || more[0].clearance < f64::INFINITY || parts.len() > 1),
         }

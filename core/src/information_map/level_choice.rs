@@ -134,14 +134,18 @@ impl TileNodes {
             nodes: Vec::new(),
             chosen: [NOT_REACHED; TILE_CELLS],
         };
+        let node = |level: &Level| Node {
+            lowest: level.lowest,
+            highest: level.highest,
+            is_passable: matches!(level.state(config.obstacle_weight), CellState::Known(c) if c > threshold),
+            is_reached: false,
+        };
         for within in 0..TILE_CELLS {
-            let levels = tile.cell(within).levels(config.clearance_m);
-            nodes.nodes.extend(levels.as_slice().iter().map(|level| Node {
-                lowest: level.lowest,
-                highest: level.highest,
-                is_passable: matches!(level.state(config.obstacle_weight), CellState::Known(c) if c > threshold),
-                is_reached: false,
-            }));
+            let cell = tile.cell(within);
+            match cell.undivided(config.clearance_m) {
+                Some(level) => nodes.nodes.push(node(&level)),
+                None => nodes.nodes.extend(cell.levels(config.clearance_m).as_slice().iter().map(node)),
+            }
             nodes.first[within + 1] = nodes.nodes.len() as u32;
         }
         nodes

@@ -235,8 +235,8 @@ impl TileDigest {
         self.bounds = TileBounds::NONE;
         self.several.clear();
         for (index, cell) in tile.known_cells() {
-            if let Some(evidence) = cell.undivided(rules.clearance_m) {
-                self.read_evidence(index.within_tile(), &evidence, rules);
+            if let Some(level) = cell.undivided(rules.clearance_m) {
+                self.read_evidence(index.within_tile(), &level.evidence, rules);
                 continue;
             }
             let levels = cell.levels(rules.clearance_m);
