@@ -225,7 +225,10 @@ topics! {
     /// Battery.
     Battery = "battery" from "simulator": Envelope [Battery; Fixed(1)],
         pub 2 sub 4 buffer 4 borrowed 2 history 1 loaned 2 DROP;
-    /// Estimated pose of the scanner: the prior of an alignment.
+    /// Where the robot is now.
+    RobotPoses = "robot_pose" from "localization": Envelope [RobotPose; Fixed(1)],
+        pub 1 sub 6 buffer 16 borrowed 2 history 1 loaned 1 DROP;
+    /// Estimated pose of the scanner in a scan: the prior of its alignment.
     Pose = "pose" from "acquisition": Envelope [PoseEstimate; Fixed(1)],
         pub 2 sub 8 buffer 16 borrowed 2 history 1 loaned 1 DROP;
     /// References for the drives.

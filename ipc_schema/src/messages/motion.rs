@@ -4,7 +4,7 @@ use crate::layout::message;
 use iceoryx2::prelude::ZeroCopySend;
 
 message! {
-    /// An estimate of the scanner's pose: from localisation, or recorded beside the scans.
+    /// An estimate of the scanner's pose in a scan: from localisation, or recorded beside the scans.
     pub struct PoseEstimate: "mirador/PoseEstimate/1", size 432 {
         /// map_from_scanner, row-major 4x4.
         pub map_from_scanner: [f64; 16],
@@ -17,6 +17,24 @@ message! {
         pub lost: u32,
         /// Not used.
         pub reserved: u64,
+    }
+}
+
+message! {
+    /// Where localisation takes the robot to be now.
+    pub struct RobotPose: "mirador/RobotPose/1", size 440 {
+        /// map_from_robot, row-major 4x4.
+        pub map_from_robot: [f64; 16],
+        /// Its 6x6 covariance, translation before rotation, perturbation on the right, in the robot's frame, row-major.
+        pub covariance: [f64; 36],
+        /// Forward speed [m/s].
+        pub linear: f64,
+        /// Turning speed about z [rad/s].
+        pub angular: f64,
+        /// 1 while localisation does not know where it is.
+        pub lost: u32,
+        /// Number of the newest scan whose alignment is in the estimate; u32::MAX for none.
+        pub aligned_scan: u32,
     }
 }
 
@@ -57,9 +75,11 @@ message! {
 }
 
 message! {
-    /// The state of the robot as a whole.
-    pub struct RobotState: "mirador/RobotState/1", size 144 {
-        /// map_from_robot, row-major 4x4.
+    /// The state of the robot as a whole: the last message of a control step, when all that its sensors have said up to
+    /// the stamp is sent.
+    pub struct RobotState: "mirador/RobotState/2", size 152 {
+        /// map_from_robot, row-major 4x4: of a simulated robot the truth, for the record, by which nobody steers; all zero
+        /// where nobody knows it.
         pub map_from_robot: [f64; 16],
         /// Forward speed [m/s].
         pub linear: f64,
@@ -67,5 +87,9 @@ message! {
         pub emergency_stop: u32,
         /// 1 when tipped over.
         pub tipped: u32,
+        /// 1 while the head turns for a scan.
+        pub scanning: u32,
+        /// Number of scans the head has turned for.
+        pub scans: u32,
     }
 }
