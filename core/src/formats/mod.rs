@@ -3,6 +3,7 @@
 //! Everything streams: a file larger than the memory is read, converted and written in pieces of bounded size. Nothing
 //! is allocated on the word of a header, and damaged input is an error that names file, place and field, never a panic.
 
+mod capture;
 mod cloud_format;
 mod cloud_reader;
 mod csv;
@@ -27,6 +28,7 @@ mod writers;
 #[cfg(test)]
 mod conformance;
 
+pub use capture::{Capture, CaptureError, Revolution};
 pub use cloud_format::CloudFormat;
 pub use cloud_reader::{
     CHUNK_POINTS, Cloud, CloudReader, CountHint, count_points, open_cloud, read_cloud, read_cloud_into,

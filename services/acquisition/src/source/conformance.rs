@@ -68,6 +68,44 @@ fn files_conform() {
 }
 
 #[test]
+fn a_capture_conforms() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("drive.pcap");
+    std::fs::write(&path, capture()).unwrap();
+    let config = AcquisitionConfig { source: SourceKind::Replay, path, ..AcquisitionConfig::default() };
+    conforms(open_source(&config, 1).unwrap().as_mut());
+}
+
+/// A capture of a VLP-16 that turns three times in a round room.
+fn capture() -> Vec<u8> {
+    let mut out = Vec::new();
+    // The classic header, little-endian, microseconds; raw IP packets.
+    out.extend(0xa1b2_c3d4_u32.to_le_bytes());
+    out.extend([2, 0, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0xff, 0xff, 0, 0, 101, 0, 0, 0]);
+    for k in 0..240_u32 {
+        let mut payload = Vec::new();
+        for block in 0..12 {
+            payload.extend([0xff, 0xee]);
+            payload.extend(((40 * (12 * k + block) % 36_000) as u16).to_le_bytes());
+            payload.extend([0xc4, 0x09, 7].repeat(32));
+        }
+        payload.extend([0, 0, 0, 0, 0x37, 0x22]);
+        let (udp, ip) = (payload.len() as u16 + 8, payload.len() as u16 + 28);
+        let mut packet = vec![0x45, 0];
+        packet.extend(ip.to_be_bytes());
+        packet.extend([0, 0, 0, 0, 64, 17, 0, 0, 10, 0, 0, 1, 10, 0, 0, 2, 9, 64, 9, 64]);
+        packet.extend(udp.to_be_bytes());
+        packet.extend([0, 0]);
+        packet.extend(&payload);
+        for word in [k / 754, 1327 * (k % 754), packet.len() as u32, packet.len() as u32] {
+            out.extend(word.to_le_bytes());
+        }
+        out.extend(packet);
+    }
+    out
+}
+
+#[test]
 fn files_take_time_and_prior_from_their_poses() {
     let (_folder, config) = small_files();
     let source = open_source(&config, 1).unwrap();

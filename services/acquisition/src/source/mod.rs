@@ -1,5 +1,6 @@
-//! What delivers scans: one trait, three sources.
+//! What delivers scans: one trait, four sources.
 
+mod capture;
 mod files;
 mod recording;
 
@@ -10,7 +11,7 @@ mod conformance;
 
 use std::path::PathBuf;
 
-use mirador_core::formats::FormatError;
+use mirador_core::formats::{CaptureError, FormatError};
 use mirador_core::geometry::{Pose, rows_from_pose};
 use mirador_core::scan::{Grid, Point};
 use mirador_ipc_schema::messages::PoseEstimate;
@@ -86,6 +87,9 @@ pub enum SourceError {
     /// A file or folder is not what it should be.
     #[error(transparent)]
     Format(#[from] FormatError),
+    /// A capture of packets is not what it should be.
+    #[error(transparent)]
+    Capture(#[from] CaptureError),
     /// The configuration is wrong.
     #[error(transparent)]
     Config(#[from] ConfigError),
@@ -151,6 +155,9 @@ pub fn open_source(config: &AcquisitionConfig, threads: usize) -> Result<Box<dyn
         SourceKind::Scene => Ok(Box::new(scene::SceneSource::open(config, threads)?)),
         SourceKind::Replay if config.path.extension().is_some_and(|e| e == "mcap") => {
             Ok(Box::new(recording::RecordingSource::open(config)?))
+        }
+        SourceKind::Replay if config.path.extension().is_some_and(|e| e == "pcap" || e == "pcapng") => {
+            Ok(Box::new(capture::CaptureSource::open(config)?))
         }
         SourceKind::Replay => Ok(Box::new(files::FileSource::open(config)?)),
     }
