@@ -13,7 +13,7 @@ use std::process::{Command, Stdio};
 use mirador_ipc_schema::budget;
 use mirador_ipc_schema::topics::Sizes;
 use support::observer::Observer;
-use support::{Finished, Stage, finish, living, say_skipped, signal, small_scanner, summary};
+use support::{Finished, Stage, finish, living, say_skipped, signal, small_tour, summary};
 
 /// Runs the program and expects it to refuse: this exit code, and one line with all these words in it.
 fn refused(stage: &Stage, arguments: &[&str], code: i32, words: &[&str]) -> String {
@@ -187,7 +187,7 @@ fn a_setting_with_a_mistake() {
     assert!(!line.contains("lockstep=true") && !line.contains("graph.domain"), "only the wrong one is named: {line}");
     refused(&stage, &["--set", "graph.lockstep"], 2, &["--set graph.lockstep", "KEY=VALUE"]);
     refused(&stage, &["--set", "graph.lockstep=perhaps"], 2, &["--set graph.lockstep=perhaps", "boolean"]);
-    refused(&stage, &["--set", "acquisition.scene=moon"], 2, &["moon", "simple"]);
+    refused(&stage, &["tour", "moon"], 2, &["moon", "simple"]);
     refused(&stage, &["run", "alignmnt"], 2, &["alignmnt", "alignment", "recorder"]);
 }
 
@@ -203,7 +203,7 @@ fn a_bad_domain_name() {
 #[test]
 fn a_domain_that_is_in_use_and_an_output_that_is_being_written() {
     let stage = Stage::new();
-    let mut arguments = small_scanner();
+    let mut arguments = small_tour();
     arguments.extend(["--set", "acquisition.rounds=1000", "--quiet"].map(str::to_owned));
     let child = stage.mirador(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut observer = Observer::join(stage.domain());
@@ -259,7 +259,7 @@ fn with_shared_memory(stage: &Stage, bytes: u64, arguments: &[String]) -> Option
 #[test]
 fn shared_memory_that_is_too_small_is_told_before_anything_starts() {
     let stage = Stage::new();
-    let arguments: Vec<String> = small_scanner().into_iter().chain(["--quiet".to_owned()]).collect();
+    let arguments: Vec<String> = small_tour().into_iter().chain(["--quiet".to_owned()]).collect();
     let points = 136 * 180;
     let services = ["acquisition", "alignment", "analysis", "planning", "recorder"];
     let needed = budget::total(&budget::of_graph(&services, &Sizes { scan_points: points }));

@@ -18,7 +18,7 @@ use mirador_ipc_schema::{ScanId, topics};
 use mirador_recorder::RunReader;
 use support::observer::{Observer, kill_9};
 use support::outputs::recording;
-use support::{Stage, finish, small_scanner, summary};
+use support::{Stage, finish, small_tour, summary};
 
 /// Every correction moves its scan in the map, however small.
 const MOVE_ALL: [&str; 2] = ["planning.corrections.limits.min_shift_m=0", "planning.corrections.limits.min_turn_deg=0"];
@@ -28,7 +28,7 @@ const SCANS: u32 = 16;
 
 fn arguments(more: &[&str]) -> Vec<String> {
     let settings = ["acquisition.rounds=2", "alignment.global.correction_threshold_m=0.001"];
-    let mut arguments = small_scanner();
+    let mut arguments = small_tour();
     arguments.extend(settings.iter().chain(more).flat_map(|s| ["--set".to_owned(), (*s).to_owned()]));
     arguments.push("--quiet".to_owned());
     arguments
@@ -229,7 +229,7 @@ fn a_graph_without_planning_does_not_wait_for_a_plan() {
     )
     .unwrap();
     let graph = stage.path("graph.toml").display().to_string();
-    stage.run_well(&[vec!["up".to_owned(), graph], arguments(&[])].concat());
+    stage.run_well(&[vec!["up".to_owned(), graph], arguments(&[]).split_off(1)].concat());
     assert_eq!(recording(&stage.path("mirador-out")).count::<topics::LoopClosing>(), SCANS as usize);
 }
 
@@ -254,7 +254,7 @@ const RING: u32 = 17;
 fn a_tour_around_the_house_with_the_full_scanner_closes_a_verified_loop_and_is_corrected() {
     let stage = Stage::new();
     let scene = format!("acquisition.scene={}", ring(&stage));
-    stage.run_well(&["--quiet", "--set", &scene, "--set", "alignment.global.correction_threshold_m=0.001"]);
+    stage.run_well(&["tour", "--quiet", "--set", &scene, "--set", "alignment.global.correction_threshold_m=0.001"]);
     let out = stage.path("mirador-out");
     let summary = summary(&out);
     assert_eq!((&summary["scans"], &summary["aligned"]), (&RING.into(), &RING.into()), "{}", summary["poses"]);

@@ -7,7 +7,7 @@ mod support;
 use mirador_ipc_schema::{text, topics};
 use mirador_recorder::RunReader;
 use support::outputs::{assert_same_bits, recording};
-use support::{Stage, data, small_scanner};
+use support::{Stage, data, small_tour};
 
 /// Runs into a folder of the stage.
 fn run_into(stage: &Stage, out: &str, arguments: &[String]) {
@@ -33,7 +33,7 @@ fn set(settings: &[&str]) -> Vec<String> {
 #[test]
 fn a_scene_gives_the_same_bits_again_from_its_recording_and_with_other_threads() {
     let stage = Stage::new();
-    let scene = small_scanner();
+    let scene = small_tour();
     run_into(&stage, "first", &scene);
     run_into(&stage, "again", &scene);
     assert_same_bits(&stage.path("first"), &stage.path("again"));
@@ -48,7 +48,7 @@ fn a_scene_gives_the_same_bits_again_from_its_recording_and_with_other_threads()
 fn a_recording_is_replayed_with_the_configuration_it_was_made_with_unless_another_is_given() {
     let stage = Stage::new();
     let settings = set(&["acquisition.max_scans=3", "planning.seed=7", "alignment.registration=point_to_point"]);
-    run_into(&stage, "first", &[small_scanner(), settings].concat());
+    run_into(&stage, "first", &[small_tour(), settings].concat());
     replay_into(&stage, "replayed", "first");
     assert_same_bits(&stage.path("first"), &stage.path("replayed"));
     let recording = stage.path("first").join("run.mcap").display().to_string();
@@ -66,8 +66,8 @@ fn a_recording_is_replayed_with_the_configuration_it_was_made_with_unless_anothe
 fn another_seed_gives_other_bits() {
     let stage = Stage::new();
     let two = set(&["acquisition.max_scans=2"]);
-    run_into(&stage, "one", &[small_scanner(), two.clone()].concat());
-    run_into(&stage, "two", &[small_scanner(), two, set(&["acquisition.seed=2"])].concat());
+    run_into(&stage, "one", &[small_tour(), two.clone()].concat());
+    run_into(&stage, "two", &[small_tour(), two, set(&["acquisition.seed=2"])].concat());
     let read = |out: &str| std::fs::read(stage.path(out).join("model.ply")).unwrap();
     assert!(read("one") != read("two"), "the comparison of the other tests can fail");
 }

@@ -7,7 +7,7 @@ mod support;
 use std::process::Stdio;
 
 use support::outputs::assert_same_bits;
-use support::{Stage, assert_nothing_left, end_all, finish, new_domain, small_scanner, summary};
+use support::{Stage, assert_nothing_left, end_all, finish, new_domain, small_tour, summary};
 
 #[test]
 fn two_graphs_side_by_side_do_not_disturb_each_other() {
@@ -15,7 +15,7 @@ fn two_graphs_side_by_side_do_not_disturb_each_other() {
     let other = new_domain();
     let start = |domain, out: &str| {
         let mut arguments = vec!["--out".to_owned(), out.to_owned()];
-        arguments.extend(small_scanner());
+        arguments.extend(small_tour());
         stage.mirador_in(domain, &arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
     };
     let (one, two) = (start(stage.domain(), "one"), start(&other, "two"));
@@ -39,11 +39,11 @@ fn two_graphs_side_by_side_do_not_disturb_each_other() {
 fn a_domain_that_is_in_use_is_refused_and_its_graph_goes_on() {
     let stage = Stage::new();
     let mut arguments = vec!["--out".to_owned(), "first".to_owned()];
-    arguments.extend(small_scanner());
+    arguments.extend(small_tour());
     arguments.extend(["--set", "acquisition.rounds=4"].map(str::to_owned));
     let first = stage.mirador(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     support::eventually("the first graph is there", || stage.path("first/run.mcap").exists());
-    let second = stage.run(&["--out", "second"]);
+    let second = stage.run(&["tour", "--out", "second"]);
     assert_eq!(second.status.code(), Some(2), "{}", second.stderr);
     assert_eq!(second.stderr.trim_end().lines().count(), 1, "{}", second.stderr);
     assert!(second.stderr.contains("in use") && second.stderr.contains("--domain"), "{}", second.stderr);

@@ -11,7 +11,7 @@ use std::process::Stdio;
 
 use mirador_ipc_schema::Domain;
 use support::observer::Observer;
-use support::{Stage, finish, living, small_scanner, summary};
+use support::{Stage, finish, living, small_tour, summary};
 
 /// Scans after which the map of the closed tour has stopped growing.
 const WARM: u32 = 40;
@@ -48,7 +48,7 @@ fn resident(pid: u32) -> u64 {
 #[test]
 fn two_hundred_scans_take_no_more_memory_than_forty() {
     let stage = Stage::new();
-    let mut arguments = small_scanner();
+    let mut arguments = small_tour();
     arguments.extend(["--set", "acquisition.rounds=25", "--quiet"].map(str::to_owned));
     let child = stage.mirador(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut observer = Observer::join(stage.domain());

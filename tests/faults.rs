@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 use support::observer::{Observer, is_running, kill_9};
-use support::{Finished, Stage, eventually, finish, living, signal, small_scanner, summary};
+use support::{Finished, Stage, eventually, finish, living, signal, small_tour, summary};
 
 const SERVICES: [&str; 5] = ["acquisition", "alignment", "analysis", "planning", "recorder"];
 /// Rounds of the tour of 8 poses.
@@ -25,7 +25,7 @@ const ENDLESS: u32 = 1000;
 const PROMISED: Duration = Duration::from_secs(2);
 
 fn arguments(rounds: u32, more: &[&str]) -> Vec<String> {
-    let mut arguments = small_scanner();
+    let mut arguments = small_tour();
     arguments.extend(["--set".to_owned(), format!("acquisition.rounds={rounds}"), "--quiet".to_owned()]);
     arguments.extend(more.iter().map(|a| (*a).to_owned()));
     arguments

@@ -10,18 +10,17 @@ use mirador_ipc_schema::messages::ViewPlanMeta;
 use mirador_ipc_schema::{text, topics};
 use mirador_recorder::{RUN_FILE, RunReader};
 use support::observer::Observer;
-use support::{Stage, finish, signal, small_scanner};
+use support::{Stage, finish, signal, small_tour};
 
 /// Between two scans of a graph in real time, the map it has is decided on again: by another strategy and other weights.
 #[test]
 fn a_running_graph_decides_again_on_the_map_it_has() {
     let stage = Stage::new();
     // The scans of a scene are half a minute apart, so this graph waits for its second one until it is stopped.
-    let mut arguments: Vec<String> =
-        ["--set", "graph.lockstep=false", "--set", "acquisition.speed=1", "--out", "run", "--quiet"]
-            .map(String::from)
-            .to_vec();
-    arguments.extend(small_scanner());
+    let mut arguments = small_tour();
+    arguments.extend(
+        ["--set", "graph.lockstep=false", "--set", "acquisition.speed=1", "--out", "run", "--quiet"].map(String::from),
+    );
     let graph = stage.mirador(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut observer = Observer::join(stage.domain());
     observer.until("planning has finished a scan", |seen| {

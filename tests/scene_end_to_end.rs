@@ -7,9 +7,9 @@ mod support;
 use support::{Stage, summary};
 
 #[test]
-fn the_program_without_arguments_scans_the_built_in_scene() {
+fn a_tour_scans_the_built_in_scene() {
     let stage = Stage::new();
-    let finished = stage.run_well::<&str>(&[]);
+    let finished = stage.run_well(&["tour"]);
     let out = stage.path("mirador-out");
     for file in ["model.ply", "trajectory.tum", "map.png", "run.mcap", "report.html", "summary.json", "config.toml"] {
         let size = std::fs::metadata(out.join(file)).unwrap_or_else(|e| panic!("{file}: {e}")).len();

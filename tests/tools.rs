@@ -10,7 +10,7 @@ use std::path::Path;
 
 use mirador_core::formats::{read_cloud, read_poses};
 use mirador_core::scan::Point;
-use support::{Finished, Stage, data, small_scanner, summary};
+use support::{Finished, Stage, data, small_tour, summary};
 
 /// A wrong command line is answered by one line on standard error, nothing else.
 fn expect_one_line(finished: &Finished, codes: &[i32]) -> String {
@@ -136,12 +136,12 @@ fn an_unknown_service_is_told_the_known_ones() {
 fn the_saved_configuration_gives_itself_again() {
     let stage = Stage::new();
     let mut arguments: Vec<String> = ["--out", "first"].map(str::to_owned).to_vec();
-    arguments.extend(small_scanner());
+    arguments.extend(small_tour());
     arguments.extend(["--set", "acquisition.max_scans=2", "--set", "planning.seed=7"].map(str::to_owned));
     stage.run_well(&arguments);
     let saved = |out: &str| fs::read_to_string(stage.path(out).join("config.toml")).unwrap();
     assert!(saved("first").contains("max_scans = 2") && saved("first").contains("seed = 7"));
-    stage.run_well(&["--config", "first/config.toml", "--out", "second"]);
+    stage.run_well(&["tour", "--config", "first/config.toml", "--out", "second"]);
     assert_eq!(saved("first"), saved("second"));
     stage.run_well(&["up", "first/config.toml", "--out", "third"]);
     assert_eq!(saved("first"), saved("third"));

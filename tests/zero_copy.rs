@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 
 use serde_json::Value;
-use support::{Stage, small_scanner, summary};
+use support::{Stage, small_tour, summary};
 
 /// Where a service saw the points of each scan: inode of the segment and offset in it.
 fn places(out: &Path, service: &str) -> BTreeMap<u64, BTreeSet<(u64, u64)>> {
@@ -30,7 +30,7 @@ fn places(out: &Path, service: &str) -> BTreeMap<u64, BTreeSet<(u64, u64)>> {
 fn every_process_reads_the_points_where_acquisition_wrote_them() {
     let stage = Stage::new();
     let mut arguments: Vec<String> = ["--log-level", "debug", "--log-format", "json"].map(str::to_owned).to_vec();
-    arguments.extend(small_scanner());
+    arguments.extend(small_tour());
     stage.run_well(&arguments);
     let out = stage.path("mirador-out");
     let written = places(&out, "acquisition");

@@ -2,9 +2,9 @@
 //! planner's settings such as `tour.least_gain` or `weights.cost`, or `entrants` for STRATEGY to run them all. Prints the
 //! mean over the seeds. `explore bench CASES` is `mirador bench planning`.
 
-use mirador_bench::planning::{
-    self, Exploration, PlanningCase, PlanningOptions, World, entrants, planning_config, scanner,
-};
+use mirador_bench::exploration::{Exploration, World, coarser, planning_config};
+use mirador_bench::planning::{self, PlanningCase, PlanningOptions, entrants};
+use mirador_core::simulation::ScannerConfig;
 use mirador_core::view_planning::{PlanningConfig, StrategyRegistry};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -18,11 +18,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         report.print_table(&mut std::io::stdout())?;
         return Ok(());
     }
-    let [world, coarser, seeds, strategy, keys @ ..] = arguments.as_slice() else {
+    let [world, times, seeds, strategy, keys @ ..] = arguments.as_slice() else {
         return Err("usage: explore WORLD COARSER SEEDS STRATEGY|entrants [KEY=VALUE ...]".into());
     };
     let (world, registry) = (World::named(world)?, StrategyRegistry::default());
-    let scanner = scanner(coarser.parse()?);
+    let scanner = coarser(&ScannerConfig::lms111(), times.parse()?);
     let configs: Vec<(String, PlanningConfig)> = if strategy == "entrants" {
         let config = |e: &planning::Entrant| PlanningConfig {
             strategy: e.strategy.clone(),
@@ -45,14 +45,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let (mut scans, mut metres, mut quality, mut coverage, mut ms) = (0.0, 0.0, 0.0, 0.0, 0.0f64);
         let mut stops = String::new();
         for seed in 1..=seeds {
-            let run = Exploration { scanner: scanner.clone(), planning: planning.clone(), seed, max_scans: 80 };
-            let o = run.run(&world, &registry)?;
-            scans += o.scans as f64 / seeds as f64;
-            metres += o.metres / seeds as f64;
-            quality += o.mean_quality / seeds as f64;
-            coverage += o.coverage / seeds as f64;
-            ms = o.plan_ms.iter().copied().fold(ms, f64::max);
-            stops += &format!(" {:?}/{}", o.stop, o.scans);
+            let run =
+                Exploration { scanner: scanner.clone(), planning: planning.clone(), seed, max_scans: 150, threads: 2 };
+            let o = run.run(&world, &registry, &|| false)?;
+            let last = o.last();
+            scans += o.scans() as f64 / seeds as f64;
+            metres += last.metres / seeds as f64;
+            quality += last.quality / seeds as f64;
+            coverage += last.coverage / seeds as f64;
+            ms = o.steps.iter().map(|s| s.planning_ms).fold(ms, f64::max);
+            stops += &format!(" {:?}/{}", o.stop, o.scans());
         }
         println!(
             "{:8} {name:32} {} scans {scans:5.1} metres {metres:6.1} quality {quality:.4} coverage {coverage:.4} plan <= {ms:.0} ms {stops}",

@@ -24,6 +24,9 @@ pub mod analysis;
 pub mod information_map;
 pub mod view_planning;
 
+pub mod localization;
+pub mod navigation;
+
 pub mod simulation;
 
 pub mod formats;

@@ -161,12 +161,13 @@ topics! {
     /// Asks acquisition for a new scan or for an old one again.
     ScanRequests = "scan_request" from "": Envelope [ScanRequest; Fixed(16)],
         pub 8 sub 4 buffer 16 borrowed 2 history 0 loaned 1 WAIT;
-    /// Sweeps of the turning laser.
+    /// Sweeps of the turning laser. Their sender waits for a reader that lags: in lockstep time stands still meanwhile, and
+    /// no sweep of a scan is lost.
     LaserSweep = "laser_sweep" from "simulator": LaserSweepMeta [Beam; Fixed(2048)],
-        pub 2 sub 4 buffer 64 borrowed 4 history 0 loaned 2 DROP;
-    /// Angle of the turning head.
+        pub 2 sub 4 buffer 64 borrowed 4 history 0 loaned 2 WAIT;
+    /// Angle of the turning head. As for the sweeps, its sender waits.
     Encoder = "encoder" from "simulator": Envelope [EncoderReading; Fixed(64)],
-        pub 2 sub 4 buffer 128 borrowed 4 history 0 loaned 2 DROP;
+        pub 2 sub 4 buffer 128 borrowed 4 history 0 loaned 2 WAIT;
     /// Scans of fixed planar lasers, 2D.
     PlanarScan = "planar_scan" from "simulator": PlanarScanMeta [Beam; Fixed(2048)],
         pub 4 sub 6 buffer 16 borrowed 2 history 0 loaned 2 DROP;
@@ -239,7 +240,7 @@ topics! {
         pub 1 sub 6 buffer 8 borrowed 2 history 1 loaned 1 DROP;
     /// State of the robot as a whole.
     RobotState = "robot_state" from "simulator": Envelope [RobotState; Fixed(1)],
-        pub 1 sub 6 buffer 8 borrowed 2 history 1 loaned 1 DROP;
+        pub 1 sub 6 buffer 64 borrowed 2 history 1 loaned 1 DROP;
     /// Health, progress and lockstep acknowledgements of every service.
     ServiceHealth = "service_health" from "": Envelope [ServiceHealth; Fixed(1)],
         pub 16 sub 8 buffer 16 borrowed 2 history 1 loaned 1 LAST;

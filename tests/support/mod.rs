@@ -202,6 +202,11 @@ pub fn say_skipped(test: &str, why: &str) {
     let _ = writeln!(std::io::stderr(), "SKIPPED: {test}: {why}");
 }
 
+/// The tour of the built-in scene with [`small_scanner`].
+pub fn small_tour() -> Vec<String> {
+    std::iter::once("tour".to_owned()).chain(small_scanner()).collect()
+}
+
 /// Settings of a scanner with few beams, so that a scan takes a millisecond: 72 sweeps of 136 beams every 2 degrees,
 /// enough for registration in the scene `simple`.
 pub fn small_scanner() -> Vec<String> {

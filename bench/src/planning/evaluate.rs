@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use mirador_core::information_map::InformationMap;
 use mirador_core::scan::ScanView;
 use mirador_core::simulation::ScannerConfig;
-use mirador_core::view_planning::{PlanningConfig, StrategyRegistry, ViewPlan, Weights, Workspace};
+use mirador_core::view_planning::{PlanningConfig, Situation, StrategyRegistry, ViewPlan, Weights, Workspace};
 use serde_json::{Value, json};
 
-use super::explore::{Mapper, planning_config, scanner, situation, timed_plan};
 use super::{PlanningBenchError, PlanningOptions};
+use crate::exploration::{Mapper, coarser, planning_config, situation, timed_plan};
 use crate::registration::town_drive;
 use crate::{Provenance, Row, Summary};
 
@@ -60,7 +61,7 @@ pub(super) fn rows(
     let mut names: Vec<(String, usize)> = registry.names().map(|name| (name.to_owned(), 2)).collect();
     names.push(("multi_criteria".into(), 1));
     say("evaluate_candidates: 40 scans of the source's scanner");
-    drive(options, registry, scanner(1), "0.5 deg", &[SCANS], &names, say)
+    drive(options, registry, ScannerConfig::default(), "0.5 deg", &[SCANS], &names, say)
 }
 
 /// Rows as the map grows, at two threads, with a coarse scanner.
@@ -71,7 +72,7 @@ pub(super) fn growth(
 ) -> Result<Vec<Row>, PlanningBenchError> {
     let sizes: Vec<usize> = [40, 400, 4000].into_iter().filter(|&size| size <= options.growth_scans).collect();
     let names = ["multi_criteria", "coverage_tour"].map(|name| (name.to_owned(), 2));
-    drive(options, registry, scanner(4), "2 deg", &sizes, &names, say)
+    drive(options, registry, coarser(&ScannerConfig::default(), 4), "2 deg", &sizes, &names, say)
 }
 
 /// Drives through the town and times the plans of the last scans before each size, each on a map that has just grown by a
@@ -89,7 +90,7 @@ fn drive(
     let names: Vec<_> = names.iter().filter(|(name, _)| options.wants(name)).collect();
     let config = PlanningConfig { max_candidates: CANDIDATES, ..planning_config(&scanner) };
     let drive = town_drive(most, scanner.clone())?;
-    let mut mapper = Mapper::new(&scanner)?;
+    let mut mapper = Mapper::new(&scanner, 2)?;
     let mut contestants: Vec<Contestant> = names
         .iter()
         .map(|(name, threads)| Contestant {
@@ -112,10 +113,7 @@ fn drive(
             continue;
         };
         for contestant in &mut contestants {
-            let situation = mirador_core::view_planning::Situation {
-                threads: contestant.threads,
-                ..situation(pose, scanner.height_m, k, SEED)
-            };
+            let situation = Situation { threads: contestant.threads, ..situation(pose, scanner.height_m, k, SEED) };
             let mut strategy = registry.create(&contestant.strategy)?;
             let config = PlanningConfig { strategy: contestant.strategy.clone(), ..config.clone() };
             let (plan, ms) = timed_plan(strategy.as_mut(), &mut contestant.workspace, &mapper.map, &situation, &config);
@@ -126,8 +124,8 @@ fn drive(
             }
             contestant.last = Some(plan);
             if scans == size {
-                let bytes = contestant.workspace.bytes();
-                rows.extend(row(contestant, &config, size, step, bytes));
+                let known = known_cells_near(&mapper.map, &situation, &config);
+                rows.extend(row(contestant, &config, size, step, known));
                 if contestant.strategy == "multi_criteria" && contestant.threads == 2 {
                     rows.extend(special_rows(options, registry, &mapper, &situation, &config, step, size)?);
                 }
@@ -138,7 +136,15 @@ fn drive(
     Ok(rows)
 }
 
-fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &str, bytes: usize) -> Option<Row> {
+/// Known cells that a plan looks at: within the reach of candidates and the scanner's range around it.
+fn known_cells_near(map: &InformationMap, situation: &Situation, config: &PlanningConfig) -> usize {
+    let robot = situation.map_from_robot.translation.vector;
+    let reach_m = config.near_m + config.scanner.range_m;
+    let is_near = |[x, y]: [f64; 2]| (x - robot.x).abs() <= reach_m && (y - robot.y).abs() <= reach_m;
+    map.known_cells().filter(|(index, _)| is_near(map.centre_of(*index))).count()
+}
+
+fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &str, known: usize) -> Option<Row> {
     let plan = contestant.last.as_ref()?;
     let summary = Summary::of(&contestant.ms)?;
     let cell_m = 0.3;
@@ -155,7 +161,9 @@ fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &st
             ("cells_per_second".to_owned(), json!((in_range / (summary.p50 / 1e3)).round())),
             ("cells_seen".into(), json!(seen)),
             ("navigable_cells".into(), json!(plan.navigable_cells)),
-            ("bytes".into(), json!(bytes)),
+            ("known_cells".into(), json!(known)),
+            ("ns_per_known_cell".into(), json!((1e6 * summary.p50 / known as f64).round())),
+            ("bytes".into(), json!(contestant.workspace.bytes())),
         ]),
     })
 }
@@ -165,7 +173,7 @@ fn special_rows(
     options: &PlanningOptions,
     registry: &StrategyRegistry,
     mapper: &Mapper,
-    situation: &mirador_core::view_planning::Situation,
+    situation: &Situation,
     config: &PlanningConfig,
     step: &str,
     scans: usize,

@@ -2,11 +2,12 @@
 
 use std::collections::BTreeMap;
 
+use mirador_core::simulation::ScannerConfig;
 use mirador_core::view_planning::{PlanningConfig, StrategyRegistry, Weights};
 use serde_json::json;
 
-use super::explore::{Exploration, Outcome, World, planning_config, scanner};
 use super::{PlanningBenchError, PlanningOptions};
+use crate::exploration::{Exploration, Outcome, WEIGHTS, World, coarser, planning_config, weights_of};
 use crate::{Provenance, Row, Summary};
 
 /// The worlds.
@@ -25,27 +26,13 @@ pub struct Entrant {
     pub weights: Weights,
 }
 
-/// The weight sets of the source's experiments (Table of section 10): name, w_A, w_Q, w_O, w_C.
-const WEIGHTS: [(&str, [f64; 4]); 10] = [
-    ("simple I", [0.43, 0.35, 0.22, 0.09]),
-    ("simple II", [0.65, 0.25, 0.10, 0.09]),
-    ("simple III", [0.36, 0.50, 0.14, 0.09]),
-    ("structured I", [0.20, 0.55, 0.25, 0.09]),
-    ("structured II", [0.65, 0.25, 0.10, 0.08]),
-    ("unstructured I", [0.40, 0.35, 0.25, 0.125]),
-    ("unstructured II", [0.65, 0.30, 0.05, 0.08]),
-    ("office I", [0.84, 0.10, 0.05, 0.05]),
-    ("office II", [0.35, 0.40, 0.15, 0.40]),
-    ("ruin", [0.55, 0.30, 0.15, 0.16]),
-];
-
 /// `multi_criteria` with every weight set of the source, and every other strategy.
 #[must_use]
 pub fn entrants(registry: &StrategyRegistry) -> Vec<Entrant> {
-    let sets = WEIGHTS.iter().map(|&(name, [information, quality, zones, cost])| Entrant {
+    let sets = WEIGHTS.iter().map(|set| Entrant {
         strategy: "multi_criteria".into(),
-        weights_name: name.into(),
-        weights: Weights { information, quality, zones, cost },
+        weights_name: set.0.into(),
+        weights: weights_of(set),
     });
     let others = registry.names().filter(|&name| name != "multi_criteria").map(|name| Entrant {
         strategy: name.to_owned(),
@@ -61,7 +48,7 @@ pub(super) fn rows(
     registry: &StrategyRegistry,
     say: &mut dyn FnMut(&str),
 ) -> Result<Vec<Row>, PlanningBenchError> {
-    let scanner = scanner(options.coarser);
+    let scanner = coarser(&ScannerConfig::lms111(), options.coarser);
     let step = format!("{} deg", scanner.beam_step_deg);
     let mut rows = Vec::new();
     for name in WORLDS {
@@ -73,16 +60,17 @@ pub(super) fn rows(
                     weights: entrant.weights,
                     ..planning_config(&scanner)
                 };
-                let run = Exploration { scanner: scanner.clone(), planning, seed, max_scans: MAX_SCANS };
-                let outcome = run.run(&world, registry)?;
+                let run = Exploration { scanner: scanner.clone(), planning, seed, max_scans: MAX_SCANS, threads: 2 };
+                let outcome = run.run(&world, registry, &|| false)?;
+                let last = outcome.last();
                 say(&format!(
                     "exploration {name} {} {} seed {seed}: {} scans, {:.0} m, quality {:.3}, coverage {:.3}",
                     entrant.strategy,
                     entrant.weights_name,
-                    outcome.scans,
-                    outcome.metres,
-                    outcome.mean_quality,
-                    outcome.coverage
+                    outcome.scans(),
+                    last.metres,
+                    last.quality,
+                    last.coverage
                 ));
                 rows.extend(row(name, &entrant, seed, &step, &outcome));
             }
@@ -92,6 +80,7 @@ pub(super) fn rows(
 }
 
 fn row(world: &str, entrant: &Entrant, seed: u64, step: &str, outcome: &Outcome) -> Option<Row> {
+    let last = outcome.last();
     Some(Row {
         name: "exploration".into(),
         params: BTreeMap::from([
@@ -102,13 +91,13 @@ fn row(world: &str, entrant: &Entrant, seed: u64, step: &str, outcome: &Outcome)
             ("scanner".into(), json!(step)),
         ]),
         unit: "ms".into(),
-        summary: Summary::of(&outcome.plan_ms)?,
+        summary: Summary::of(&outcome.steps.iter().map(|step| step.planning_ms).collect::<Vec<_>>())?,
         provenance: Provenance::Measured,
         extra: BTreeMap::from([
-            ("scans".to_owned(), json!(outcome.scans)),
-            ("metres".into(), json!(outcome.metres)),
-            ("mean_quality".into(), json!(outcome.mean_quality)),
-            ("coverage".into(), json!(outcome.coverage)),
+            ("scans".to_owned(), json!(outcome.scans())),
+            ("metres".into(), json!(last.metres)),
+            ("mean_quality".into(), json!(last.quality)),
+            ("coverage".into(), json!(last.coverage)),
             ("stop".into(), json!(outcome.stop)),
         ]),
     })

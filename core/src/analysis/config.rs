@@ -19,8 +19,12 @@ pub enum HeightForm {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ObstacleForm {
-    /// |N_xy| min(1, |v.n| / 0.1) within reach: walls are obstacles at every incidence.
+    /// As `Calibrated`, and the steps of the mesh count, too: a leg between neighbours that rises steeply is part of a
+    /// face even where neither point's own normal says so, and a face of one line of rays keeps its score beside the
+    /// ground over and under it. Kerbs, wheels and the lowest steps of stairs are found.
     #[default]
+    Stepped,
+    /// |N_xy| min(1, |v.n| / 0.1) within reach: walls are obstacles at every incidence.
     Calibrated,
     /// |N_xy| H |v.n| within reach, the literal reading: misses walls seen beyond about 30 deg.
     Literal,

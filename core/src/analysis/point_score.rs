@@ -61,7 +61,7 @@ impl PointScore {
     #[must_use]
     #[inline]
     pub fn quantise(score: f32) -> u16 {
-        (score.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16
+        quantise_bits(score) as u16
     }
 
     /// A stored score in [0, 1].
@@ -73,9 +73,7 @@ impl PointScore {
     /// Stores a unit normal of the scanner's frame.
     #[inline]
     pub fn set_normal(&mut self, normal: &Vector3<f32>) {
-        // To the nearest: half away from zero, then the whole part. (`round` is a call without SSE 4.)
-        let nearest = |v: f32| (v * 32767.0 + 0.5f32.copysign(v)) as i16;
-        self.normal_xy = [nearest(normal.x), nearest(normal.y)];
+        self.normal_xy = [normal.x, normal.y].map(|v| normal_bits(v) as u16 as i16);
         self.flags &= !Self::NORMAL_Z_NEGATIVE;
         if normal.z < 0.0 {
             self.flags |= Self::NORMAL_Z_NEGATIVE;
@@ -90,6 +88,19 @@ impl PointScore {
         let z = (1.0 - x * x - y * y).max(0.0).sqrt();
         Vector3::new(x, y, if self.flags & Self::NORMAL_Z_NEGATIVE != 0 { -z } else { z })
     }
+}
+
+/// A score in [0, 1] as stored. Adding 2^23 rounds to the nearest whole number, which is then in the low bits: eight at
+/// a time, where a conversion would have to look for numbers that do not fit.
+#[inline(always)]
+pub(super) fn quantise_bits(score: f32) -> u32 {
+    (score.clamp(0.0, 1.0) * 65535.0 + 8_388_608.0).to_bits() & 0xffff
+}
+
+/// A component of a unit normal as stored, in two's complement; 1.5 * 2^23 rounds as above, below zero, too.
+#[inline(always)]
+pub(super) fn normal_bits(component: f32) -> u32 {
+    (component * 32767.0 + 12_582_912.0).to_bits() & 0xffff
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
 //! Whole scans scored: analytic ones, random ones and recorded ones.
 
+use nalgebra::Vector3;
 use proptest::prelude::*;
 
+use super::super::obstacle::step_score;
 use super::*;
-use crate::scan::Grid;
 use crate::surface::test_scans::{Shape, TestScan, ground, handheld_recording, pitching, pitching_recording, turning};
 use crate::surface::{SurfaceBuilder, SurfaceConfig};
 
@@ -173,28 +174,102 @@ fn a_scan_without_returns_has_no_scores() {
     }
 }
 
-#[test]
-fn neighbours_count_alike_in_the_middle_of_a_grid_and_at_its_edges() {
-    let scan = turning(&[ground(1.0), Shape::Plane { normal: Vector3::x(), offset: 6.0 }], 1.0, 30.0, 0.01, 30);
+/// F and B of every point by the formulas, neighbour by neighbour.
+fn by_the_formulas(scan: ScanView<'_>, surface: &Surface, config: &ScoreConfig) -> Vec<[f32; 2]> {
+    let rule = Rule::new(&UnitQuaternion::identity(), at_height(1.0), config);
+    let shapes = surface.points();
+    let own: Vec<Own> = scan
+        .points
+        .iter()
+        .zip(shapes)
+        .map(|(point, shape)| rule.own([point.x, point.y, point.z], shape.normal, shape.incidence))
+        .collect();
+    let Grid { rows, cols } = scan.grid.unwrap();
+    let linked = |index: usize| {
+        let mut all = Vec::new();
+        surface.for_each_neighbour(index, |n| all.push(n));
+        let (row, col) = (index / cols, index % cols);
+        let at = |row: usize, col: usize| Some(row % rows * cols + col % cols).filter(|n| all.contains(n));
+        let line = [at(row, col + cols - 1), at(row, col + 1)];
+        let column = [at(row + rows - 1, col), at(row + 1, col)];
+        (all, [line, column])
+    };
+    let steps = config.obstacle_form == ObstacleForm::Stepped;
+    let obstacle: Vec<f32> = (0..own.len())
+        .map(|index| {
+            let (_, pairs) = linked(index);
+            let legs = pairs.into_iter().flatten().flatten().filter(|_| steps && own[index].state & LOW != 0);
+            let step = |n: usize| step_score([0, 1, 2].map(|axis| own[n].level[axis] - own[index].level[axis]));
+            legs.map(step).fold(own[index].obstacle, f32::max)
+        })
+        .collect();
+    (0..own.len())
+        .map(|index| {
+            let (all, pairs) = linked(index);
+            let share = 1.0 / all.len().max(1) as f32;
+            let f: f32 = all.iter().map(|n| own[*n].navigable).sum();
+            let b: f32 = all.iter().map(|n| obstacle[*n]).sum();
+            let pair = |[one, other]: [Option<usize>; 2]| {
+                one.zip(other).filter(|_| steps).map_or(0.0, |(one, other)| obstacle[one].min(obstacle[other]))
+            };
+            let around = pairs.map(pair).into_iter().fold(b * share, f32::max);
+            let both = rule.combine([own[index].navigable, obstacle[index]], [f * share, around]);
+            both.map(|score| if own[index].state & REACHABLE != 0 { score } else { 0.0 })
+        })
+        .collect()
+}
+
+fn follows_the_formulas(scan: ScanView<'_>, config: &ScoreConfig) {
     let mut builder = SurfaceBuilder::new();
-    let surface = builder.build(scan.view(), &SurfaceConfig::default()).unwrap();
-    let (config, level) = (ScoreConfig::default(), UnitQuaternion::identity());
-    let mut out = vec![PointScore::NONE; scan.points.len()];
-    let mut scorer = Scorer::new();
-    scorer.score(scan.view(), surface, &level, at_height(1.0), &config, &mut out).unwrap();
-    // Each record by the formula, neighbour by neighbour.
-    let local = &scorer.local;
-    for (index, record) in out.iter().enumerate().filter(|(_, r)| r.is_reachable()) {
-        let (mut f, mut b, mut count) = (0.0, 0.0, 0.0f32);
-        surface.for_each_neighbour(index, |n| {
-            f += local.navigable[n];
-            b += local.obstacle[n];
-            count += 1.0;
-        });
-        let share = 1.0 / count.max(1.0);
-        assert_eq!(record.navigable, PointScore::quantise(0.66 * local.navigable[index] + 0.33 * (f * share)));
-        assert_eq!(record.obstacle, PointScore::quantise(0.55 * local.obstacle[index] + 0.45 * (b * share)));
+    let surface = builder.build(scan, &SurfaceConfig::default()).unwrap();
+    let (scores, _) = score_with(scan, at_height(1.0), config);
+    for (index, (record, [f, b])) in scores.iter().zip(by_the_formulas(scan, surface, config)).enumerate() {
+        let found = [record.navigable, record.obstacle].map(PointScore::dequantise);
+        assert!((found[0] - f).abs() < 2e-5 && (found[1] - b).abs() < 2e-5, "{index}: {found:?} {f} {b}");
     }
+}
+
+/// The same scan with lines and columns exchanged.
+fn transposed(scan: &TestScan) -> (Vec<Point>, Grid) {
+    let Grid { rows, cols } = scan.view().grid.unwrap();
+    let points = (0..rows * cols).map(|k| scan.points[k % rows * cols + k / rows]).collect();
+    (points, Grid { rows: cols, cols: rows })
+}
+
+#[test]
+fn neighbours_count_alike_in_the_middle_of_a_grid_at_its_edges_and_over_its_seam() {
+    let wall = Shape::Plane { normal: Vector3::x(), offset: 6.0 };
+    let kerb = Shape::Block { from: Vector3::new(-9.0, 3.0, -1.0), to: Vector3::new(9.0, 3.6, -0.85) };
+    let scan = turning(&[ground(1.0), wall, kerb], 1.5, 30.0, 0.01, 30);
+    let (points, grid) = transposed(&scan);
+    for obstacle_form in [ObstacleForm::Stepped, ObstacleForm::Calibrated, ObstacleForm::Literal] {
+        let config = ScoreConfig { obstacle_form, ..ScoreConfig::default() };
+        follows_the_formulas(scan.view(), &config);
+        follows_the_formulas(ScanView::ordered(&points, grid).unwrap(), &config);
+    }
+}
+
+#[test]
+fn a_kerb_that_the_means_lose_beside_the_ground_is_found_by_its_steps() {
+    let kerb = Shape::Block { from: Vector3::new(6.0, -4.0, -1.0), to: Vector3::new(7.5, 4.0, -0.85) };
+    let scan = turning(&[ground(1.0), kerb], 0.5, 10.0, 0.01, 31);
+    let on_face = |p: &Point| (p.x - 6.0).abs() < 0.05 && p.y.abs() < 3.5 && (-0.97..-0.86).contains(&p.z);
+    let found = |obstacle_form| {
+        let (scores, _) = score_with(scan.view(), at_height(1.0), &ScoreConfig { obstacle_form, ..Default::default() });
+        means(&scan, &scores, on_face)[3]
+    };
+    let (stepped, calibrated) = (found(ObstacleForm::Stepped), found(ObstacleForm::Calibrated));
+    assert!(stepped > 0.75 && calibrated < 0.1, "{stepped} {calibrated}");
+}
+
+#[test]
+fn a_bank_of_45_deg_is_no_obstacle_by_its_steps() {
+    let (sin, cos) = 45f64.to_radians().sin_cos();
+    let bank = Shape::Plane { normal: Vector3::new(-sin, 0.0, cos), offset: -4.0 * sin - cos };
+    let scan = turning(&[ground(1.0), bank], 0.5, 40.0, 0.01, 32);
+    let (scores, _) = score_with(scan.view(), at_height(1.0), &ScoreConfig { theta_deg: 30.0, ..Default::default() });
+    let [_, b, _, over_b] = means(&scan, &scores, |p| p.x > 4.1 && p.z < 0.0 && p.y.abs() < 3.0);
+    assert!(over_b == 0.0 && b > 0.3, "{b} {over_b}");
 }
 
 #[test]

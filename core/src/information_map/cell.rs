@@ -69,24 +69,55 @@ impl Levels {
     }
 }
 
-/// Evidence without a gap that the robot fits in.
-#[derive(Clone, Copy, Default)]
-struct Cluster {
+/// Evidence without a gap that the robot fits in. Heights are taken from the records when they are asked for: nearly always
+/// the slabs alone say what belongs together.
+#[derive(Clone, Copy)]
+struct Cluster<'a> {
     evidence: Evidence,
-    /// Mean heights of the lowest and highest slab or the ground in them, and of the ground in those that have any.
-    bottom: f64,
-    top: f64,
-    ground: Option<(f64, f64)>,
+    lowest: &'a Record,
+    highest: &'a Record,
+    /// The lowest and the highest record with ground.
+    ground: Option<[&'a Record; 2]>,
 }
 
-impl Cluster {
-    fn take(&mut self, record: &Record, top: f64) {
+impl<'a> Cluster<'a> {
+    fn new(record: &'a Record) -> Self {
+        let ground = record.evidence.has_ground().then_some([record; 2]);
+        Self { evidence: record.evidence, lowest: record, highest: record, ground }
+    }
+
+    /// Takes the next record upwards.
+    fn take(&mut self, record: &'a Record) {
         self.evidence.merge(&record.evidence);
-        self.top = top;
-        if let Some(ground) = record.evidence.ground_height() {
-            let (low, _) = self.ground.unwrap_or((ground, ground));
-            self.ground = Some((low, ground));
+        self.highest = record;
+        if record.evidence.has_ground() {
+            let [lowest, _] = self.ground.unwrap_or([record; 2]);
+            self.ground = Some([lowest, record]);
         }
+    }
+
+    /// Whether a gap of `clearance_m` or more lies between this and the next record upwards.
+    fn ends_below(&self, record: &Record, clearance_m: f64) -> bool {
+        // Means lie in their slabs of half a metre, so the gap is less than this, and more than a metre less.
+        let most_m = 0.5 * f64::from(record.slab - self.highest.slab + 1);
+        if most_m <= clearance_m {
+            return false;
+        }
+        most_m - 1.0 >= clearance_m || span(record)[0] - span(self.highest)[1] >= clearance_m
+    }
+
+    /// Mean height of its lowest slab, or of the ground in that [m, map frame].
+    fn bottom(&self) -> f64 {
+        span(self.lowest)[0]
+    }
+
+    fn level(&self) -> Level {
+        let height = |record: &Record| record.evidence.ground_height().unwrap_or_default();
+        let [lowest, highest] = match self.ground {
+            Some(ground) => ground.map(height),
+            None => [self.bottom(), span(self.highest)[1]],
+        };
+        Level { evidence: self.evidence, lowest, highest, clearance: f64::INFINITY }
     }
 }
 
@@ -120,23 +151,18 @@ impl Cell<'_> {
     #[must_use]
     pub fn levels(&self, clearance_m: f64) -> Levels {
         let mut levels = Levels::default();
-        let mut cluster: Option<Cluster> = None;
-        for record in self.tile.records_of(self.within) {
-            let [bottom, top] = span(record);
-            match &mut cluster {
-                Some(cluster) if bottom - cluster.top < clearance_m => cluster.take(record, top),
-                _ => {
-                    let mut next = Cluster { bottom, ..Cluster::default() };
-                    next.take(record, top);
-                    if let Some(done) = cluster.replace(next) {
-                        levels.push(&done);
-                    }
-                }
+        let mut records = self.tile.records_of(self.within);
+        let Some(first) = records.next() else { return levels };
+        let mut cluster = Cluster::new(first);
+        for record in records {
+            if cluster.ends_below(record, clearance_m) {
+                levels.push(&cluster);
+                cluster = Cluster::new(record);
+            } else {
+                cluster.take(record);
             }
         }
-        if let Some(done) = cluster {
-            levels.push(&done);
-        }
+        levels.push(&cluster);
         levels
     }
 
@@ -145,18 +171,14 @@ impl Cell<'_> {
     #[must_use]
     pub fn undivided(&self, clearance_m: f64) -> Option<Level> {
         let mut records = self.tile.records_of(self.within);
-        let first = records.next()?;
-        let [bottom, top] = span(first);
-        let mut cluster = Cluster { bottom, ..Cluster::default() };
-        cluster.take(first, top);
+        let mut cluster = Cluster::new(records.next()?);
         for record in records {
-            let [bottom, top] = span(record);
-            if bottom - cluster.top >= clearance_m {
+            if cluster.ends_below(record, clearance_m) {
                 return None;
             }
-            cluster.take(record, top);
+            cluster.take(record);
         }
-        Some(level_of(&cluster))
+        Some(cluster.level())
     }
 
     /// The lowest level.
@@ -181,15 +203,15 @@ fn span(record: &Record) -> [f64; 2] {
 
 impl Levels {
     /// Puts a cluster over the others.
-    fn push(&mut self, cluster: &Cluster) {
+    fn push(&mut self, cluster: &Cluster<'_>) {
         let below = self.count.checked_sub(1).and_then(|k| self.levels.get_mut(k));
         if let Some(below) = below {
-            let room = cluster.bottom - below.highest;
+            let room = cluster.bottom() - below.highest;
             below.clearance = below.clearance.min(room);
             let is_level = cluster.evidence.concerns_the_robot();
             if !below.evidence.concerns_the_robot() && is_level {
                 // Nothing to drive on or bump into below, as under a floor seen through: it counts to this level.
-                let mut level = level_of(cluster);
+                let mut level = cluster.level();
                 level.evidence.merge(&below.evidence);
                 *below = level;
                 return;
@@ -200,15 +222,10 @@ impl Levels {
             }
         }
         if let Some(place) = self.levels.get_mut(self.count) {
-            *place = level_of(cluster);
+            *place = cluster.level();
             self.count += 1;
         }
     }
-}
-
-fn level_of(cluster: &Cluster) -> Level {
-    let (lowest, highest) = cluster.ground.unwrap_or((cluster.bottom, cluster.top));
-    Level { evidence: cluster.evidence, lowest, highest, clearance: f64::INFINITY }
 }
 
 #[cfg(test)]

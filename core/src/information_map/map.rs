@@ -6,7 +6,7 @@ use super::config::{MapConfig, MapConfigError};
 use super::evidence::Change;
 use super::index::{CellIndex, TileIndex};
 use super::navigability::CellState;
-use super::projection::Projection;
+use super::projection::{Projection, Sorter};
 use super::scan_evidence::ScanEvidence;
 use super::tile::Tile;
 use super::zones::{Zone, ZoneConfig, ZoneList, ZoneUpdate};
@@ -25,6 +25,8 @@ pub struct InformationMap {
     pub(super) tiles: Vec<Tile>,
     pub(super) slots: BTreeMap<TileIndex, usize>,
     pub(super) zones: ZoneList,
+    pub(super) sorter: Sorter,
+    pub(super) threads: usize,
 }
 
 impl InformationMap {
@@ -34,7 +36,21 @@ impl InformationMap {
     /// The settings are checked by [`MapConfig::validate`].
     pub fn new(config: MapConfig) -> Result<Self, MapConfigError> {
         config.validate()?;
-        Ok(Self { config, revision: 0, tiles: Vec::new(), slots: BTreeMap::new(), zones: ZoneList::default() })
+        Ok(Self {
+            config,
+            revision: 0,
+            tiles: Vec::new(),
+            slots: BTreeMap::new(),
+            zones: ZoneList::default(),
+            sorter: Sorter::default(),
+            threads: 1,
+        })
+    }
+
+    /// Sets how many threads [`InformationMap::add`] and [`InformationMap::move_scan`] work on, 1 in a new map. What
+    /// the map says does not depend on it.
+    pub fn set_threads(&mut self, threads: usize) {
+        self.threads = threads.max(1);
     }
 
     /// The settings the map was made with.
@@ -88,8 +104,9 @@ impl InformationMap {
     pub fn add(&mut self, evidence: &ScanEvidence, map_from_scanner: &Pose) -> Result<usize, InsertError> {
         self.check(evidence, map_from_scanner)?;
         self.revision += 1;
-        let mut projection = Projection::new(&mut self.tiles, &mut self.slots, self.revision);
-        Ok(projection.change(Change::Add, evidence, map_from_scanner).tiles)
+        let mut projection = self.projection();
+        projection.change(Change::Add, evidence, map_from_scanner);
+        Ok(projection.touched)
     }
 
     /// Moves a scan that was added at `from` to `to`: what it said is taken away exactly, then what it says now is
@@ -103,12 +120,24 @@ impl InformationMap {
         self.check(evidence, from)?;
         self.check(evidence, to)?;
         self.revision += 1;
-        let mut projection = Projection::new(&mut self.tiles, &mut self.slots, self.revision);
+        let mut projection = self.projection();
         projection.change(Change::Remove, evidence, from);
-        let touched = projection.change(Change::Add, evidence, to);
+        projection.change(Change::Add, evidence, to);
+        let touched = projection.touched;
         let now = self.revision;
         self.tiles.iter_mut().filter(|tile| tile.revision == now).for_each(Tile::tidy);
-        Ok(touched.tiles)
+        Ok(touched)
+    }
+
+    fn projection(&mut self) -> Projection<'_> {
+        Projection {
+            tiles: &mut self.tiles,
+            slots: &mut self.slots,
+            sorter: &mut self.sorter,
+            revision: self.revision,
+            threads: self.threads,
+            touched: 0,
+        }
     }
 
     fn check(&self, evidence: &ScanEvidence, map_from_scanner: &Pose) -> Result<(), InsertError> {
@@ -153,6 +182,24 @@ impl InformationMap {
     /// All tiles, ordered by their place.
     pub fn tiles(&self) -> impl Iterator<Item = &Tile> + '_ {
         self.slots.values().filter_map(|&slot| self.tiles.get(slot))
+    }
+
+    /// The number of tiles.
+    #[must_use]
+    pub fn tile_count(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// The tile at `index`, if there is one.
+    pub(crate) fn tile(&self, index: TileIndex) -> Option<&Tile> {
+        self.tiles.get(*self.slots.get(&index)?)
+    }
+
+    /// The tiles of a rectangle, both ends included, ordered by their place: as quick on a large map as on a small one.
+    pub(crate) fn tiles_between(&self, low: TileIndex, high: TileIndex) -> impl Iterator<Item = &Tile> + '_ {
+        let columns = (low.x..=high.x).filter(move |_| low.y <= high.y);
+        let column = move |x| self.slots.range(TileIndex { x, y: low.y }..=TileIndex { x, y: high.y });
+        columns.flat_map(column).filter_map(|(_, &slot)| self.tiles.get(slot))
     }
 
     /// The tiles that changed after `revision`, ordered by their place.

@@ -284,6 +284,28 @@ fn summaries(scans: &[(Vec<Point>, Vec<PointScore>)], poses: &[Pose]) -> Vec<Sca
     scans.iter().zip(poses).map(|((points, scores), pose)| evidence_of(points, scores, grid, pose)).collect()
 }
 
+#[test]
+fn the_number_of_threads_does_not_change_a_bit_of_the_map() {
+    let [here, there] = [Pose::translation(0.0, 0.0, 1.0), Pose::new(Vector3::new(3.1, -2.0, 1.0), Vector3::z() * 0.4)];
+    let (evidence, other) = (flat_evidence(&here), flat_evidence(&there));
+    assert!(evidence.items.len() > 5000, "enough to be shared: {}", evidence.items.len());
+    let build = |threads: usize| {
+        let mut map = empty_map();
+        map.set_threads(threads);
+        let touched = [map.add(&evidence, &here), map.add(&other, &there), map.move_scan(&evidence, &here, &there)]
+            .map(Result::unwrap);
+        (map, touched)
+    };
+    let (alone, touched) = build(1);
+    assert!(touched.iter().all(|tiles| *tiles > 20), "{touched:?}");
+    for threads in [2, 3, 5] {
+        let (shared, also_touched) = build(threads);
+        assert!(shared == alone && also_touched == touched, "{threads} threads");
+        let order = |map: &InformationMap| map.tiles().map(|tile| (tile.index(), tile.bytes())).collect::<Vec<_>>();
+        assert_eq!(order(&shared), order(&alone));
+    }
+}
+
 fn built(summaries: &[ScanEvidence], poses: &[Pose], order: impl Iterator<Item = usize>) -> InformationMap {
     let mut map = empty_map();
     order.for_each(|k| {

@@ -7,6 +7,7 @@ use super::normal_statistics::{StoredNormal, store};
 use super::scan_evidence::ScanEvidence;
 use super::tile::{TILE_SIDE, Tile};
 use crate::geometry::Pose;
+use crate::threads::for_each;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 
@@ -15,94 +16,194 @@ const SLAB_SHIFT: u32 = 8;
 /// Tiles along each side of the square in which tiles are found without a search.
 const NEAR: i32 = 16;
 
-/// What one scan did to the tiles.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub(super) struct Touched {
-    pub tiles: usize,
+/// Fewer pieces than this are put in by the caller's thread alone: another one would cost more than it saves.
+const WORTH_A_THREAD: usize = 4096;
+/// No share.
+const NONE: u32 = u32::MAX;
+
+/// One piece of evidence on its way into a tile.
+#[derive(Debug, Clone, Copy)]
+struct Put {
+    /// With its normal in the map's frame.
+    item: Item,
+    height: i32,
+    quarters: u32,
+    share: u32,
+    within: u8,
+}
+
+const _: () = assert!(size_of::<Put>() == 32);
+
+/// What one tile gets: the pieces `begin..end` of the order.
+#[derive(Debug, Clone, Copy)]
+struct Share {
+    slot: usize,
+    begin: u32,
+    end: u32,
+}
+
+/// The pieces of one scan, sorted by tile. Buffers grow to the largest scan and are then reused.
+#[derive(Debug, Default)]
+pub(super) struct Sorter {
+    puts: Vec<Put>,
+    /// Indices of `puts`, one tile's after the other's, each in the order of the scan.
+    order: Vec<u32>,
+    shares: Vec<Share>,
+    /// The share of every tile, `NONE` between scans.
+    share_of_slot: Vec<u32>,
+    /// Tiles found already, by their place modulo `NEAR`.
+    near: Vec<Option<(TileIndex, u32)>>,
+}
+
+/// A copy begins without buffers.
+impl Clone for Sorter {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
 }
 
 /// The tiles, being changed.
 pub(super) struct Projection<'a> {
     pub tiles: &'a mut Vec<Tile>,
     pub slots: &'a mut BTreeMap<TileIndex, usize>,
+    pub sorter: &'a mut Sorter,
     pub revision: u64,
-    /// Tiles found already, by their place modulo `NEAR`.
-    near: Vec<Option<(TileIndex, usize)>>,
-    touched: Touched,
+    pub threads: usize,
+    /// Tiles that had another revision before.
+    pub touched: usize,
 }
 
-impl<'a> Projection<'a> {
-    pub fn new(tiles: &'a mut Vec<Tile>, slots: &'a mut BTreeMap<TileIndex, usize>, revision: u64) -> Self {
-        let near = vec![None; (NEAR * NEAR) as usize];
-        Self { tiles, slots, revision, near, touched: Touched::default() }
-    }
-
+impl Projection<'_> {
     /// Adds or takes away everything a scan says when it stands at `map_from_scanner`.
-    pub fn change(&mut self, change: Change, evidence: &ScanEvidence, map_from_scanner: &Pose) -> Touched {
+    ///
+    /// The pieces are sorted by tile, and a tile is changed by one thread, in the order of the scan: its memory is at
+    /// hand while it is worked on, and the number of threads does not change a bit.
+    pub fn change(&mut self, change: Change, evidence: &ScanEvidence, map_from_scanner: &Pose) {
+        self.sorter.begin(self.tiles.len());
         let corner = (evidence.anchor.x << CELL_SHIFT, evidence.anchor.y << CELL_SHIFT);
         let origin = Origin { x: corner.0, y: corner.1, z: evidence.anchor_height };
         match Motion::of(evidence, map_from_scanner) {
             None => {
                 for item in &evidence.items {
-                    let place = item.place();
-                    self.put(change, item, &origin.place(place), RETURN_WEIGHT, item.normal, item.count());
+                    self.put(*item, &origin.place(item.place()), RETURN_WEIGHT * item.count());
                 }
             }
             Some(motion) => {
                 for item in &evidence.items {
                     let (place, normal) = motion.apply(item);
+                    let mut moved = *item;
+                    moved.normal = normal;
                     if item.kind() & INTERPOLATED == 0 {
-                        self.put(change, item, &origin.place(place), RETURN_WEIGHT, normal, item.count());
+                        self.put(moved, &origin.place(place), RETURN_WEIGHT * item.count());
                     } else {
-                        self.put_patch(change, item, origin.place(place), &motion, normal);
+                        self.put_patch(moved, origin.place(place), &motion);
                     }
                 }
             }
         }
-        self.touched
+        self.change_tiles(change);
     }
 
     /// A triangle over a whole cell, turned and moved: each of its quarters counts where its middle is. Middles are
     /// half a cell apart, less than the cell's side over the root of two, so however the cells are turned none is left
     /// without.
-    fn put_patch(&mut self, change: Change, item: &Item, middle: Place, motion: &Motion, normal: StoredNormal) {
+    fn put_patch(&mut self, item: Item, middle: Place, motion: &Motion) {
         let [(ux, uy), (vx, vy)] = motion.quarters;
         let at = |dx: i32, dy: i32| Place { x: middle.x + dx, y: middle.y + dy, z: middle.z };
         let quarters = [at(ux, uy), at(vx, vy), at(-ux, -uy), at(-vx, -vy)];
         let cell = |p: &Place| (p.x >> CELL_SHIFT, p.y >> CELL_SHIFT);
         if quarters.iter().all(|quarter| cell(quarter) == cell(&quarters[0])) {
-            self.put(change, item, &quarters[0], RETURN_WEIGHT, normal, 1);
+            self.put(item, &quarters[0], RETURN_WEIGHT);
         } else {
-            quarters.iter().for_each(|quarter| self.put(change, item, quarter, 1, normal, 1));
+            quarters.iter().for_each(|quarter| self.put(item, quarter, 1));
         }
     }
 
     #[inline]
-    fn put(&mut self, change: Change, item: &Item, at: &Place, weight: u32, normal: StoredNormal, count: u32) {
+    fn put(&mut self, item: Item, at: &Place, quarters: u32) {
         let cell = CellIndex { x: at.x >> CELL_SHIFT, y: at.y >> CELL_SHIFT };
-        let slot = self.slot(cell.tile());
-        let tile = &mut self.tiles[slot];
-        if tile.revision != self.revision {
-            tile.revision = self.revision;
-            self.touched.tiles += 1;
-        }
-        tile.evidence_mut(cell.within_tile(), at.z >> SLAB_SHIFT).change(change, item, weight * count, at.z, normal);
+        let share = self.share(cell.tile());
+        self.sorter.shares[share as usize].end += 1;
+        let within = cell.within_tile() as u8;
+        self.sorter.puts.push(Put { item, height: at.z, quarters, share, within });
     }
 
+    /// The share of a tile, which is made if need be.
     #[inline]
-    fn slot(&mut self, index: TileIndex) -> usize {
+    fn share(&mut self, index: TileIndex) -> u32 {
         let near = (index.y.rem_euclid(NEAR) * NEAR + index.x.rem_euclid(NEAR)) as usize;
-        if let Some((found, slot)) = self.near[near]
+        if let Some((found, share)) = self.sorter.near[near]
             && found == index
         {
-            return slot;
+            return share;
         }
         let slot = *self.slots.entry(index).or_insert_with(|| {
             self.tiles.push(Tile::new(index));
+            self.sorter.share_of_slot.push(NONE);
             self.tiles.len() - 1
         });
-        self.near[near] = Some((index, slot));
-        slot
+        let tile = &mut self.tiles[slot];
+        if tile.revision != self.revision {
+            tile.revision = self.revision;
+            self.touched += 1;
+        }
+        let share = &mut self.sorter.share_of_slot[slot];
+        if *share == NONE {
+            *share = self.sorter.shares.len() as u32;
+            self.sorter.shares.push(Share { slot, begin: 0, end: 0 });
+        }
+        self.sorter.near[near] = Some((index, *share));
+        *share
+    }
+
+    /// Puts what was sorted into the tiles.
+    fn change_tiles(&mut self, change: Change) {
+        let Sorter { puts, order, shares, .. } = self.sorter.sorted();
+        let (puts, order) = (puts.as_slice(), order.as_slice());
+        let (mut tiles, mut passed) = (self.tiles.as_mut_slice(), 0);
+        let parts = shares.iter().filter_map(move |share| {
+            let (_, rest) = std::mem::take(&mut tiles).split_at_mut_checked(share.slot - passed)?;
+            let (tile, after) = rest.split_first_mut()?;
+            (tiles, passed) = (after, share.slot + 1);
+            Some((tile, &order[share.begin as usize..share.end as usize]))
+        });
+        let threads = if puts.len() < WORTH_A_THREAD { 1 } else { self.threads };
+        for_each(parts, threads, |(tile, order)| {
+            for &k in order {
+                let put = &puts[k as usize];
+                let evidence = tile.evidence_mut(usize::from(put.within), put.height >> SLAB_SHIFT);
+                evidence.change(change, &put.item, put.quarters, put.height, put.item.normal);
+            }
+        });
+    }
+}
+
+impl Sorter {
+    fn begin(&mut self, tiles: usize) {
+        self.puts.clear();
+        self.shares.clear();
+        self.share_of_slot.resize(tiles, NONE);
+        self.near.clear();
+        self.near.resize((NEAR * NEAR) as usize, None);
+    }
+
+    /// Sorts by tile, what comes first staying first, and the shares by where their tiles are.
+    fn sorted(&mut self) -> &Self {
+        let mut begin = 0;
+        for share in &mut self.shares {
+            let count = share.end;
+            (share.begin, share.end) = (begin, begin);
+            begin += count;
+            self.share_of_slot[share.slot] = NONE;
+        }
+        self.order.resize(self.puts.len(), 0);
+        for (k, put) in (0..).zip(&self.puts) {
+            let share = &mut self.shares[put.share as usize];
+            self.order[share.end as usize] = k;
+            share.end += 1;
+        }
+        self.shares.sort_unstable_by_key(|share| share.slot);
+        self
     }
 }
 

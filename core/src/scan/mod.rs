@@ -1,7 +1,9 @@
 //! A scan as it lies in memory: points in the scanner's frame, ordered or not.
 
+mod assembly;
 mod point;
 
+pub use assembly::{Assembled, HeadReading, PacketCounts, ScanAssembly, SweepBeam, SweepHead, TurningHead};
 pub use point::Point;
 
 /// The order of a scan from a turning or spinning laser: `rows` consecutive lines of `cols` points, in the order of

@@ -1,5 +1,7 @@
 //! A scene ready for rays: all triangles under one bounding volume hierarchy.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use nalgebra::{Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use parry3d::math::Vector;
 use parry3d::query::PointQuery;
@@ -58,6 +60,8 @@ pub struct Hit {
 
 /// The triangles of a scene, what each of them is, and the hierarchy over them. Immutable, shared between threads.
 pub struct CompiledScene {
+    /// Tells it from every other one of the process.
+    number: u64,
     scene: Scene,
     terrain: Terrain,
     triangles: Vec<Corners>,
@@ -68,7 +72,19 @@ pub struct CompiledScene {
     tree: RayTree,
 }
 
+/// A place in a scene: what is seen from it is always the same.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Viewpoint {
+    scene: u64,
+    map_from_sensor: Pose,
+}
+
 impl CompiledScene {
+    /// A place from which it is looked at.
+    pub(super) fn viewpoint(&self, map_from_sensor: &Pose) -> Viewpoint {
+        Viewpoint { scene: self.number, map_from_sensor: *map_from_sensor }
+    }
+
     /// Samples the ground, builds the objects' triangles and the hierarchy.
     ///
     /// # Errors
@@ -103,7 +119,9 @@ impl CompiledScene {
         }
         let triangles: Vec<Corners> = corners.iter().map(|corners| corners.map(|v| v.cast::<f32>().into())).collect();
         let tree = RayTree::new(&triangles);
-        Ok(Self { scene, terrain, triangles, labels, colours, ground_triangles, tree })
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        Ok(Self { number, scene, terrain, triangles, labels, colours, ground_triangles, tree })
     }
 
     /// The scene this was built from.

@@ -1,23 +1,19 @@
 //! The whole robot in its world: physics and sensors, step by step in simulated time.
 
+mod readings;
+mod rig;
+
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+pub use self::readings::{PlanarSweep, Readings};
+use self::rig::{Clock, Rig};
 use super::camera::{Camera, Image};
 use super::compiled_scene::CompiledScene;
 use super::physics::{Motion, Physics, PhysicsConfig, PhysicsError};
-use super::robot::{Robot, Sensor, SensorKind};
-use super::sensors::{
-    Battery, BatteryReading, EncoderTick, Gnss, GnssReading, Imu, ImuReading, LaserBeam, LaserSweep, Magnetometer,
-    MagnetometerReading, Noise, OdometryReading, PlanarLaser, RangerReading, Rangers, SensorsConfig, TurningLaser,
-    TurningLaserError, WheelOdometry,
-};
+use super::robot::{Robot, SensorKind};
+use super::sensors::{RangerMount, SensorsConfig, TurningLaserError};
 use crate::geometry::Pose;
-
-/// Time between two sweeps of a planar laser [s].
-const PLANAR_PERIOD_S: f64 = 0.05;
-/// Streams of random numbers a robot may use.
-const STREAMS: u64 = 1000;
 
 /// What a world is simulated with.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -67,75 +63,12 @@ pub enum SimulatorError {
     },
 }
 
-/// A sweep of one of a robot's fixed lasers.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PlanarSweep {
-    /// Simulated time of its first beam [s].
-    pub time: f64,
-    /// Which of the robot's sensors, in the order of the world file.
-    pub sensor: usize,
-    /// Its beams, the rightmost first.
-    pub beams: Vec<LaserBeam>,
-}
-
-/// What a robot's sensors have said since the readings were cleared, each kind in the order of time.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Readings {
-    /// Wheels.
-    pub odometry: Vec<OdometryReading>,
-    /// Inertial unit.
-    pub imu: Vec<ImuReading>,
-    /// Satellite receiver.
-    pub gnss: Vec<GnssReading>,
-    /// Magnetometer.
-    pub magnetometer: Vec<MagnetometerReading>,
-    /// Ultrasonic rangers.
-    pub rangers: Vec<RangerReading>,
-    /// Battery.
-    pub battery: Vec<BatteryReading>,
-    /// Fixed lasers.
-    pub planar: Vec<PlanarSweep>,
-    /// The laser on the turning head.
-    pub sweeps: Vec<LaserSweep>,
-    /// The head itself.
-    pub ticks: Vec<EncoderTick>,
-}
-
-impl Readings {
-    /// Forgets all, keeps the memory.
-    pub fn clear(&mut self) {
-        self.odometry.clear();
-        self.imu.clear();
-        self.gnss.clear();
-        self.magnetometer.clear();
-        self.rangers.clear();
-        self.battery.clear();
-        self.planar.clear();
-        self.sweeps.clear();
-        self.ticks.clear();
-    }
-}
-
 /// A world with its robots. The same world, config and commands give the same bits.
 pub struct Simulator {
     scene: CompiledScene,
     physics: Physics,
     config: SimulatorConfig,
     robots: Vec<Rig>,
-}
-
-/// A robot's sensors.
-struct Rig {
-    robot: Robot,
-    odometry: WheelOdometry,
-    imu: Imu,
-    gnss: Gnss,
-    magnetometer: Magnetometer,
-    rangers: Rangers,
-    battery: Battery,
-    /// The sensor's number, the laser, its `robot_from_sensor`.
-    planar: Vec<(usize, PlanarLaser, Pose)>,
-    turning: Option<(TurningLaser, Pose)>,
 }
 
 impl Simulator {
@@ -212,6 +145,19 @@ impl Simulator {
         self.robots.get(robot).and_then(|rig| rig.turning.as_ref()).is_some_and(|(laser, _)| laser.is_scanning())
     }
 
+    /// Casts the sweeps of turning lasers on this many threads; the bits do not depend on it.
+    pub fn set_threads(&mut self, threads: usize) {
+        for (laser, _) in self.robots.iter_mut().filter_map(|rig| rig.turning.as_mut()) {
+            laser.set_threads(threads);
+        }
+    }
+
+    /// Where a robot's ultrasonic rangers are and where they look; none when there is no such robot.
+    #[must_use]
+    pub fn ranger_mounts(&self, robot: usize) -> &[RangerMount] {
+        self.robots.get(robot).map_or(&[], |rig| rig.rangers.mounts())
+    }
+
     /// What a robot's camera sees now.
     ///
     /// # Errors
@@ -252,211 +198,5 @@ impl Simulator {
     }
 }
 
-/// The step that is passing.
-#[derive(Clone, Copy)]
-struct Clock {
-    before: f64,
-    now: f64,
-}
-
-impl Clock {
-    /// Whether a sensor of this period speaks at the end of the step.
-    fn is_due(self, period: f64) -> bool {
-        // A shade more than a whole number of periods, so that rounding does not skip one.
-        let count = |time: f64| (time / period + 1e-6).floor();
-        count(self.now) > count(self.before)
-    }
-}
-
-impl Rig {
-    fn new(robot: Robot, number: u64, config: &SimulatorConfig) -> Result<Self, SimulatorError> {
-        let noise = |stream: u64| Noise::new(config.seed, number * STREAMS + stream);
-        let sensors = config.sensors;
-        let (mut planar, mut turning) = (Vec::new(), None);
-        for (index, sensor) in robot.sensors.iter().enumerate() {
-            let own = noise(100 + index as u64);
-            let mount = sensor.robot_from_sensor();
-            match &sensor.kind {
-                SensorKind::Camera { .. } => {}
-                &SensorKind::Laser1d { range, noise } => {
-                    planar.push((index, PlanarLaser::new(range, noise, 1.0, 0.0, own), mount));
-                }
-                &SensorKind::Laser2d { range, noise, resolution, field_of_view } => {
-                    planar.push((index, PlanarLaser::new(range, noise, resolution, field_of_view, own), mount));
-                }
-                SensorKind::Laser3d(scanner) => {
-                    let laser = TurningLaser::new(scanner.as_ref().clone(), own);
-                    let laser = laser.map_err(|source| laser_error(&robot, sensor, source))?;
-                    turning.get_or_insert((laser, mount));
-                }
-            }
-        }
-        let east_from_map = sensors.gnss.east_from_map_deg.to_radians();
-        Ok(Self {
-            odometry: WheelOdometry::new(sensors.odometry),
-            imu: Imu::new(sensors.imu, noise(0)),
-            gnss: Gnss::new(sensors.gnss, noise(1)),
-            magnetometer: Magnetometer::new(sensors.magnetometer, east_from_map, noise(2)),
-            rangers: Rangers::new(sensors.rangers, noise(3)),
-            battery: Battery::new(sensors.battery, 1.0),
-            robot,
-            planar,
-            turning,
-        })
-    }
-
-    fn listen(
-        &mut self,
-        clock: Clock,
-        motion: &Motion,
-        rolled: [f64; 2],
-        scene: &CompiledScene,
-        config: &SensorsConfig,
-        out: &mut Readings,
-    ) {
-        let time = clock.now;
-        if clock.is_due(config.odometry.period) {
-            out.odometry.push(self.odometry.read(time, rolled));
-        }
-        if clock.is_due(config.imu.period) {
-            out.imu.push(self.imu.read(time, motion));
-        }
-        if clock.is_due(config.gnss.period) {
-            out.gnss.push(self.gnss.read(time, motion, scene));
-        }
-        if clock.is_due(config.magnetometer.period) {
-            out.magnetometer.push(self.magnetometer.read(time, motion));
-        }
-        if clock.is_due(config.rangers.period) {
-            self.rangers.read(time, &motion.pose, scene, &mut out.rangers);
-        }
-        if clock.is_due(config.battery.period) {
-            out.battery.push(self.battery.read(time));
-        }
-        if clock.is_due(PLANAR_PERIOD_S) {
-            for (sensor, laser, mount) in &mut self.planar {
-                let mut beams = Vec::with_capacity(laser.beams());
-                laser.sweep(scene, &(motion.pose * *mount), &mut beams);
-                out.planar.push(PlanarSweep { time, sensor: *sensor, beams });
-            }
-        }
-        if let Some((laser, mount)) = &mut self.turning {
-            laser.advance(time, scene, &(motion.pose * *mount), &mut out.sweeps, &mut out.ticks);
-        }
-    }
-}
-
-fn laser_error(robot: &Robot, sensor: &Sensor, source: TurningLaserError) -> SimulatorError {
-    SimulatorError::Laser { robot: robot.name.clone(), sensor: sensor.name.clone(), source }
-}
-
 #[cfg(test)]
-mod tests {
-    use nalgebra::Vector3;
-
-    use super::*;
-    use crate::simulation::Scene;
-
-    fn simulator(name: &str) -> Simulator {
-        let scene = CompiledScene::new(Scene::builtin(name).unwrap()).unwrap();
-        Simulator::new(scene, SimulatorConfig { seed: 5, ..SimulatorConfig::default() }).unwrap()
-    }
-
-    #[test]
-    fn every_sensor_speaks_at_its_rate() {
-        let mut simulator = simulator("simple");
-        simulator.drive(0, 0.4, 0.4).unwrap();
-        simulator.start_scan(0).unwrap();
-        let mut readings = vec![Readings::default()];
-        for _ in 0..400 {
-            simulator.step(&mut readings);
-        }
-        let r = &readings[0];
-        assert!((simulator.time() - 2.0).abs() < 1e-9);
-        let counts = [r.odometry.len(), r.imu.len(), r.gnss.len(), r.magnetometer.len(), r.rangers.len()];
-        assert_eq!(counts, [100, 200, 8, 100, 120]);
-        assert_eq!((r.battery.len(), r.planar.len(), r.sweeps.len(), r.ticks.len()), (2, 40, 100, 201));
-        assert_eq!(r.planar[0].beams.len(), 361);
-        assert!(r.battery[1].charge < r.battery[0].charge && r.battery[1].current > 3.0);
-        assert!(simulator.is_scanning(0));
-        let felt = r.imu.iter().skip(100).map(|i| i.acceleration.norm()).sum::<f64>() / 100.0;
-        assert!((felt - 9.81).abs() < 0.3, "{felt}");
-        readings[0].clear();
-        assert_eq!(readings[0], Readings::default());
-    }
-
-    #[test]
-    fn odometry_is_right_ahead_and_wrong_in_turns() {
-        let scene = CompiledScene::new(Scene::builtin("field").unwrap()).unwrap();
-        // It believes in the true distance of its wheels.
-        let mut config = SimulatorConfig { seed: 5, ..SimulatorConfig::default() };
-        config.sensors.odometry.track = 0.72;
-        let mut simulator = Simulator::new(scene, config).unwrap();
-        let mut readings = vec![Readings::default()];
-        let mut run = |simulator: &mut Simulator, left: f64, right: f64, steps: usize| {
-            simulator.drive(0, left, right).unwrap();
-            for _ in 0..steps {
-                simulator.step(&mut readings);
-            }
-            (simulator.truth(0).unwrap().pose, *readings[0].odometry.last().unwrap())
-        };
-        run(&mut simulator, 0.0, 0.0, 200);
-        let (from, odometry_from) = run(&mut simulator, 0.5, 0.5, 200);
-        let (to, odometry_to) = run(&mut simulator, 0.5, 0.5, 800);
-        let driven = (to.translation.vector - from.translation.vector).norm();
-        assert!((odometry_to.distance - odometry_from.distance - driven).abs() < 0.05 * driven, "{driven}");
-        let heading = |pose: &Pose| {
-            let ahead = pose.rotation * Vector3::x();
-            ahead.y.atan2(ahead.x)
-        };
-        let (turned, odometry_turned) = run(&mut simulator, -0.3, 0.3, 400);
-        let truth = heading(&turned) - heading(&to);
-        let told = odometry_turned.pose[2] - odometry_to.pose[2];
-        assert!(truth > 0.2 && told > 1.2 * truth, "skidding deceives it: {truth} {told}");
-    }
-
-    #[test]
-    fn the_same_seed_gives_the_same_bits_and_another_one_others() {
-        let run = |seed| {
-            let scene = CompiledScene::new(Scene::builtin("structured").unwrap()).unwrap();
-            let mut simulator = Simulator::new(scene, SimulatorConfig { seed, ..SimulatorConfig::default() }).unwrap();
-            simulator.drive(0, 0.6, 0.5).unwrap();
-            let mut readings = vec![Readings::default()];
-            for _ in 0..300 {
-                simulator.step(&mut readings);
-            }
-            format!("{readings:?}")
-        };
-        assert_eq!(run(1), run(1));
-        assert_ne!(run(1), run(2));
-    }
-
-    #[test]
-    fn the_camera_shows_the_world_and_missing_things_are_named() {
-        let mut simulator = simulator("simple");
-        let image = simulator.image(0, "camera", 2).unwrap();
-        assert_eq!((image.width, image.height), (640, 480));
-        let mut colours: Vec<_> = image.rgb.chunks_exact(3).collect();
-        colours.sort_unstable();
-        colours.dedup();
-        assert!(colours.len() > 50, "{}", colours.len());
-        let message = simulator.image(0, "eye", 1).unwrap_err().to_string();
-        assert_eq!(message, "robot `robot` has no camera called `eye`");
-        assert_eq!(simulator.drive(3, 0.0, 0.0).unwrap_err().to_string(), "there is no robot 3; this world has 1");
-    }
-
-    #[test]
-    fn the_robot_drives_through_every_world_from_its_start() {
-        for name in Scene::builtin_names() {
-            let mut simulator = simulator(name);
-            simulator.drive(0, 0.5, 0.5).unwrap();
-            let from = simulator.truth(0).unwrap().pose.translation.vector;
-            let mut readings = vec![Readings::default()];
-            for _ in 0..400 {
-                simulator.step(&mut readings);
-            }
-            let moved = (simulator.truth(0).unwrap().pose.translation.vector - from).norm();
-            assert!(!simulator.has_tipped(0) && (0.6..1.2).contains(&moved), "{name}: {moved}");
-        }
-    }
-}
+mod tests;

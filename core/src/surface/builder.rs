@@ -219,8 +219,7 @@ impl SurfaceBuilder {
     }
 
     fn build_ordered(&mut self, points: &[Point], grid: Grid, config: &SurfaceConfig) {
-        self.surface.clear();
-        self.surface.resize(points.len());
+        self.surface.renew(points.len());
         let topology = Topology::of(points, grid, config.range_min_m as f32);
         let rule = Rule::new(config, grid.cols, Some(grid.rows));
         if points.is_empty() {
@@ -309,15 +308,19 @@ pub(super) fn build_lines(
 impl Surface {
     /// Forgets the last scan.
     fn clear(&mut self) {
+        self.renew(0);
+    }
+
+    /// Forgets the last scan, but keeps what every line is written over anyway: to clear it first is to write all of it
+    /// twice.
+    fn renew(&mut self, points: usize) {
         self.topology = None;
         self.mesh_topology = None;
-        self.points.clear();
-        self.triangles.clear();
-        self.links.clear();
         self.point_of_cell.clear();
         self.discarded.clear();
         self.lists.clear();
         self.list_of_point.clear();
+        self.resize(points);
     }
 
     /// Makes room for so many points.

@@ -74,13 +74,14 @@ impl LegTest {
     }
 
     /// The bits of the leg between two inverse ranges whose directions differ by a chord of this square (zero where one is
-    /// missing); all but the few legs for which the neighbours decide. Without jumps, for eight legs at a time.
+    /// missing); all but the few legs for which the neighbours decide. Without jumps, for many legs at a time.
     #[inline(always)]
     pub(super) fn presort(&self, a: f32, b: f32, chord2: f32) -> u8 {
-        let (near, far, rise) = (a.max(b), a.min(b), b - a);
+        // The product of near and far is that of both.
+        let (far, rise) = (if a < b { a } else { b }, b - a);
         let is_there = (far > 0.0) & (chord2 >= STEP_MIN * STEP_MIN) & (chord2 <= self.chord2_max);
-        let length2 = rise * rise + near * far * chord2;
-        let unit2 = far * far * (chord2 * (1.0 + chord2 / 12.0));
+        let length2 = rise * rise + a * b * chord2;
+        let unit2 = far * far * (chord2 * (1.0 + chord2 * (1.0 / 12.0)));
         let is_honest = is_there & (length2 <= self.gamma2 * unit2);
         let is_undecided = is_there & !is_honest & (length2 <= self.grazing2 * unit2);
         u8::from(is_there) | u8::from(is_honest) << 1 | u8::from(is_undecided) << 7
@@ -119,7 +120,7 @@ impl LegTest {
             return None;
         }
         // angle = 2 asin(chord / 2), to third order.
-        Some(Step { chord, chord2, angle2: chord2 * (1.0 + chord2 / 12.0) })
+        Some(Step { chord, chord2, angle2: chord2 * (1.0 + chord2 * (1.0 / 12.0)) })
     }
 
     /// Whether 1/range changes per radian as on the adjacent leg, in sign and within the ratio.

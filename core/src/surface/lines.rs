@@ -1,7 +1,10 @@
-//! The last few lines of a grid, one array a quantity, so that eight cells are worked on at a time.
+//! The last few lines of a grid, one array a quantity, so that many cells are worked on at a time.
 
-/// Cells worked on together.
+/// Cells that the filter works on together, each with its own reach.
 pub(super) const LANES: usize = 8;
+/// Cells that the other steps work on together. So many that their loops stay loops for the compiler: unrolled ones it
+/// leaves scalar.
+pub(super) const WIDE: usize = 32;
 
 /// What all quantities of a strip have in common.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -18,8 +21,8 @@ pub(super) struct LineShape {
 impl LineShape {
     /// Lines of `cols` cells of which up to `reach` to each side are asked for.
     pub(super) fn new(cols: usize, reach: usize, is_closed: bool) -> Self {
-        // The last eight cells of a line may hang over its end.
-        Self { cols, pad: reach.max(2) + LANES, is_closed }
+        // The last cells worked on together may hang over the end of the line.
+        Self { cols, pad: reach.max(2) + WIDE, is_closed }
     }
 }
 
@@ -61,11 +64,11 @@ impl<T: Copy + Default> Lines<T> {
         &mut self.data[start..start + self.width]
     }
 
-    /// Writes eight cells of line `number` from `col` on; the last ones may hang over its end.
+    /// Writes some cells of line `number` from `col` on; the last ones may hang over its end.
     #[inline(always)]
-    pub(super) fn put(&mut self, number: usize, col: usize, eight: [T; LANES]) {
+    pub(super) fn put<const N: usize>(&mut self, number: usize, col: usize, cells: [T; N]) {
         let at = self.shape.pad + col;
-        put(self.line_mut(number), at, eight);
+        put(self.line_mut(number), at, cells);
     }
 
     /// Line `number`, found once for all its cells.
@@ -98,14 +101,17 @@ impl<T: Copy + Default> Lines<T> {
     pub(super) fn close(&mut self, number: usize) {
         let LineShape { cols, pad, is_closed } = self.shape;
         let line = self.line_mut(number);
-        if is_closed && cols > 0 {
+        if !is_closed || cols == 0 {
+            // What is before the first cell is never written.
+            line[pad + cols..].fill(T::default());
+        } else if cols >= pad {
+            line.copy_within(pad..2 * pad, pad + cols);
+            line.copy_within(cols..cols + pad, 0);
+        } else {
             for k in 0..pad {
                 line[pad + cols + k] = line[pad + k % cols];
                 line[pad - 1 - k] = line[pad + cols - 1 - k % cols];
             }
-        } else {
-            line[..pad].fill(T::default());
-            line[pad + cols..].fill(T::default());
         }
     }
 }
@@ -118,15 +124,15 @@ pub(super) struct Line<'a, T> {
 }
 
 impl<T: Copy + Default> Line<'_, T> {
-    /// Eight cells from `col` on.
+    /// Some cells from `col` on.
     #[inline(always)]
-    pub(super) fn eight(&self, col: usize) -> [T; LANES] {
+    pub(super) fn some<const N: usize>(&self, col: usize) -> [T; N] {
         lanes(self.cells, self.pad + col)
     }
 
-    /// As [`Line::eight`], from the cell before `col` on.
+    /// As [`Line::some`], from the cell before `col` on.
     #[inline(always)]
-    pub(super) fn eight_before(&self, col: usize) -> [T; LANES] {
+    pub(super) fn some_before<const N: usize>(&self, col: usize) -> [T; N] {
         lanes(self.cells, self.pad + col - 1)
     }
 }
@@ -139,23 +145,24 @@ pub(super) fn line_of_three(lines: &[Lines<f32>], number: usize) -> [Line<'_, f3
     [x.at(number), y.at(number), z.at(number)]
 }
 
-/// Eight cells of each of three quantities.
+/// Some cells of each of three quantities.
 #[inline(always)]
-pub(super) fn eight_of_three(lines: &[Line<'_, f32>; 3], col: usize) -> [[f32; LANES]; 3] {
-    [lines[0].eight(col), lines[1].eight(col), lines[2].eight(col)]
+pub(super) fn some_of_three<const N: usize>(lines: &[Line<'_, f32>; 3], col: usize) -> [[f32; N]; 3] {
+    [lines[0].some(col), lines[1].some(col), lines[2].some(col)]
 }
 
-/// Eight values from `at` on.
+/// Some values from `at` on.
 #[inline(always)]
-pub(super) fn lanes<T: Copy + Default>(values: &[T], at: usize) -> [T; LANES] {
-    values.get(at..).and_then(<[T]>::first_chunk).copied().unwrap_or_default()
+pub(super) fn lanes<T: Copy + Default, const N: usize>(values: &[T], at: usize) -> [T; N] {
+    // Not `unwrap_or_default`, which is a call.
+    values.get(at..).and_then(<[T]>::first_chunk).copied().unwrap_or([T::default(); N])
 }
 
-/// Writes eight values from `at` on.
+/// Writes some values from `at` on.
 #[inline(always)]
-pub(super) fn put<T: Copy>(values: &mut [T], at: usize, eight: [T; LANES]) {
+pub(super) fn put<T: Copy, const N: usize>(values: &mut [T], at: usize, cells: [T; N]) {
     if let Some(to) = values.get_mut(at..).and_then(<[T]>::first_chunk_mut) {
-        *to = eight;
+        *to = cells;
     }
 }
 

@@ -29,6 +29,12 @@ pub fn quality(area_quality: f32, incidence_quality: f32, w_a: f32, w_n: f32) ->
     ((a * a + n * n) / (w_a * w_a + w_n * w_n)).sqrt().min(1.0)
 }
 
+/// The value, or 1 if that is less; one instruction, unlike `f32::min`.
+#[inline(always)]
+pub(super) fn at_most_one(value: f32) -> f32 {
+    if value < 1.0 { value } else { 1.0 }
+}
+
 /// The quality's constants in single precision.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct QualityScale {
@@ -49,8 +55,10 @@ impl QualityScale {
     /// D of a point with this area [m^2] and |v.n|.
     #[inline(always)]
     pub(super) fn of(&self, area: f32, incidence: f32) -> f32 {
-        let (a, n) = (self.w_a * area_quality(area, self.area_max), self.w_n * incidence);
-        ((a * a + n * n).sqrt() * self.scale).min(1.0)
+        // As `area_quality`, without a jump.
+        let larger = if area > self.area_max { area } else { self.area_max };
+        let (a, n) = (self.w_a * (self.area_max / larger), self.w_n * incidence);
+        at_most_one((a * a + n * n).sqrt() * self.scale)
     }
 }
 

@@ -8,7 +8,7 @@ use super::config::SurfaceConfig;
 use super::discarded::{DiscardedTriangle, Found};
 use super::filter::Smoother;
 use super::legs::{HONEST, LegTest, Sample, THERE, UNDECIDED};
-use super::lines::{LANES, LineShape, Lines, eight_of_three, lanes, line_of_three, put};
+use super::lines::{LANES, LineShape, Lines, WIDE, lanes, line_of_three, put, some_of_three};
 use super::mesh::{self, QuadCorners, QuadLegs, QuadSums, TRIANGLE_CORNERS};
 use super::quality::QualityScale;
 use super::view::SurfacePoint;
@@ -64,6 +64,8 @@ pub(super) struct Strip {
     shape: LineShape,
     /// Number of the line that comes next.
     next: usize,
+    /// Number of the first line that has all those around it that the filter asks for.
+    first_full: usize,
     /// Unit directions and 1/range, zero where there is no return.
     direction: [Lines<f32>; 3],
     inverse: Lines<f32>,
@@ -112,6 +114,7 @@ impl Strip {
         self.discarded.clear();
         // The first lines look back at lines that never were; they are empty.
         self.next = 2 * reach + 8;
+        self.first_full = self.next + reach;
     }
 
     /// Takes the next line of points, none for a line that does not exist, and finishes the one [`Strip::delay`] lines
@@ -124,9 +127,13 @@ impl Strip {
         self.measure_chords(new);
         self.smooth_along(rule, new);
         let full = new - rule.reach;
-        self.smooth_across(rule, full);
-        self.judge_legs(rule, full - 2);
-        self.mesh(rule, full - 3, out);
+        // Lines that not all those around them went in for come before the first one that is finished, and before all
+        // that it asks for.
+        if full >= self.first_full {
+            self.smooth_across(rule, full);
+            self.judge_legs(rule, full - 2);
+            self.mesh(rule, full - 3, out);
+        }
     }
 
     /// Splits every return into its direction and 1/range.
@@ -164,10 +171,12 @@ impl Strip {
         let (here, above) = (line_of_three(&self.direction, new), line_of_three(&self.direction, new - 1));
         let pad = self.shape.pad;
         let (along, across) = (self.chord_along.line_mut(new), self.chord_across.line_mut(new - 1));
-        for col in (0..self.shape.cols).step_by(LANES) {
-            let eight = eight_of_three(&here, col);
-            put(along, pad + col, chords2(&eight, &eight_of_three(&here, col + 1)));
-            put(across, pad + col, chords2(&eight_of_three(&above, col), &eight));
+        let (inverse, inverse_above) = (self.inverse.at(new), self.inverse.at(new - 1));
+        for col in (0..self.shape.cols).step_by(WIDE) {
+            let (rays, own) = (some_of_three(&here, col), inverse.some(col));
+            let right = chords2(&rays, &some_of_three(&here, col + 1), &own, &inverse.some(col + 1));
+            put(along, pad + col, right);
+            put(across, pad + col, chords2(&some_of_three(&above, col), &rays, &inverse_above.some(col), &own));
         }
         self.chord_along.close(new);
         self.chord_across.close(new - 1);
@@ -208,7 +217,7 @@ impl Strip {
             for k in 0..LANES {
                 range[k] = if inverse[k] > 0.0 { 1.0 / inverse[k] } else { 0.0 };
             }
-            let mut place = eight_of_three(&rays, col);
+            let mut place = some_of_three::<LANES>(&rays, col);
             for (axis, values) in place.iter_mut().enumerate() {
                 for k in 0..LANES {
                     values[k] *= range[k];
@@ -233,16 +242,20 @@ impl Strip {
     #[inline(always)]
     fn judge_legs(&mut self, rule: &Rule, line: usize) {
         let cols = self.shape.cols;
-        for col in (0..cols).step_by(LANES) {
-            let (here, right) = (self.sample[3].eight(line, col), self.sample[3].eight(line, col + 1));
-            let below = self.sample[3].eight(line + 1, col);
-            let (chord_along, chord_across) = (self.chord_along.eight(line, col), self.chord_across.eight(line, col));
-            let (mut along, mut across) = ([0; LANES], [0; LANES]);
-            for k in 0..LANES {
+        for col in (0..cols).step_by(WIDE) {
+            let inverse = self.sample[3].at(line);
+            let (here, right): ([f32; WIDE], [f32; WIDE]) = (inverse.some(col), inverse.some(col + 1));
+            let below: [f32; WIDE] = self.sample[3].at(line + 1).some(col);
+            let chord_along: [f32; WIDE] = self.chord_along.at(line).some(col);
+            let chord_across: [f32; WIDE] = self.chord_across.at(line).some(col);
+            let (mut along, mut across) = ([0; WIDE], [0; WIDE]);
+            for k in 0..WIDE {
                 along[k] = rule.legs.presort(here[k], right[k], chord_along[k]);
+            }
+            for k in 0..WIDE {
                 across[k] = rule.legs.presort(here[k], below[k], chord_across[k]);
             }
-            if (u64::from_ne_bytes(along) | u64::from_ne_bytes(across)) & EVERY_UNDECIDED != 0 {
+            if union(&along, &across) & UNDECIDED != 0 {
                 self.decide(rule, line, col, &mut along, &mut across);
             }
             self.legs_along.put(line, col, along);
@@ -252,9 +265,12 @@ impl Strip {
         self.legs_across.close(line);
     }
 
-    /// Decides on the legs of eight cells that their neighbours decide on.
-    fn decide(&self, rule: &Rule, line: usize, col: usize, along: &mut [u8; LANES], across: &mut [u8; LANES]) {
-        for k in 0..LANES.min(self.shape.cols - col) {
+    /// Decides on the legs of some cells that their neighbours decide on.
+    fn decide(&self, rule: &Rule, line: usize, col: usize, along: &mut [u8; WIDE], across: &mut [u8; WIDE]) {
+        for k in 0..WIDE.min(self.shape.cols - col) {
+            if (along[k] | across[k]) & UNDECIDED == 0 {
+                continue;
+            }
             let here = self.sample(line, col + k, 0);
             if along[k] & UNDECIDED != 0 {
                 let beyond = || [self.sample(line, col + k, 1), self.sample(line, col + k + 2, 0)];
@@ -276,26 +292,30 @@ impl Strip {
         let (above, below) = (self.legs_along.at(line), self.legs_along.at(line + 1));
         let across = self.legs_across.at(line);
         let mut has_discarded = false;
-        for col in (0..cols).step_by(LANES) {
-            let (ab, cd) = (above.eight(col), below.eight(col));
-            let triangles = if u64::from_ne_bytes(ab) | u64::from_ne_bytes(cd) == 0 {
+        for col in (0..cols).step_by(WIDE) {
+            let (ab, cd) = (above.some(col), below.some(col));
+            let triangles = if union(&ab, &cd) == 0 {
                 self.sums.skip(col);
-                [0; LANES]
+                [0; WIDE]
             } else {
-                let (ac, bd) = (across.eight(col), across.eight(col + 1));
+                let (ac, bd) = (across.some(col), across.some(col + 1));
                 let corners = QuadCorners {
-                    a: eight_of_three(&upper, col),
-                    b: eight_of_three(&upper, col + 1),
-                    c: eight_of_three(&lower, col),
-                    d: eight_of_three(&lower, col + 1),
+                    a: some_of_three(&upper, col),
+                    b: some_of_three(&upper, col + 1),
+                    c: some_of_three(&lower, col),
+                    d: some_of_three(&lower, col + 1),
                 };
                 self.sums.cut(col, &corners, &QuadLegs { ab, ac, bd, cd })
             };
-            self.kept.put(line, col, (u64::from_ne_bytes(triangles) & EVERY_KEPT).to_ne_bytes());
+            let mut kept = triangles;
+            for bits in &mut kept {
+                *bits &= KEPT;
+            }
+            self.kept.put(line, col, kept);
             if let Some(out) = &mut out {
-                let width = LANES.min(cols - col);
+                let width = WIDE.min(cols - col);
                 out.triangles[col..col + width].copy_from_slice(&triangles[..width]);
-                has_discarded |= u64::from_ne_bytes(triangles) & !EVERY_KEPT != 0;
+                has_discarded |= union(&triangles, &triangles) & !KEPT != 0;
             }
         }
         if let Some(out) = out.as_ref().filter(|_| has_discarded) {
@@ -309,14 +329,14 @@ impl Strip {
             shape.is_closed,
             #[inline(always)]
             |col, sums| {
-                let Some(points) = points.as_mut().and_then(|points| points.get_mut(col..(col + LANES).min(cols)))
+                let Some(points) = points.as_mut().and_then(|points| points.get_mut(col..(col + WIDE).min(cols)))
                 else {
                     return;
                 };
                 match sums {
                     None => points.fill(SurfacePoint::default()),
                     Some(sums) => {
-                        mesh::finish_points(sums, &eight_of_three(&rays, col), &rule.quality, points);
+                        mesh::finish_points(sums, &some_of_three(&rays, col), &rule.quality, points);
                     }
                 }
             },
@@ -354,19 +374,33 @@ impl Strip {
     }
 }
 
-const EVERY_UNDECIDED: u64 = u64::from_ne_bytes([UNDECIDED; LANES]);
-const EVERY_KEPT: u64 = u64::from_ne_bytes([0x0f; LANES]);
+/// The bits of the kept triangles.
+const KEPT: u8 = 0x0f;
 const _: () = assert!(THERE == 1 && HONEST == 2, "the mesh counts on the places of these bits");
 
-/// The squares of the chords between eight directions each; zero where one is missing.
+/// All bits that any of the bytes has.
 #[inline(always)]
-fn chords2(a: &[[f32; LANES]; 3], b: &[[f32; LANES]; 3]) -> [f32; LANES] {
-    let mut chords = [0.0; LANES];
-    for k in 0..LANES {
+fn union(first: &[u8; WIDE], second: &[u8; WIDE]) -> u8 {
+    let mut all = 0;
+    for k in 0..WIDE {
+        all |= first[k] | second[k];
+    }
+    all
+}
+
+/// The squares of the chords between some directions each; zero where one is missing, as its inverse range says.
+#[inline(always)]
+fn chords2(
+    a: &[[f32; WIDE]; 3],
+    b: &[[f32; WIDE]; 3],
+    inverse_a: &[f32; WIDE],
+    inverse_b: &[f32; WIDE],
+) -> [f32; WIDE] {
+    let mut chords = [0.0; WIDE];
+    for k in 0..WIDE {
         let (x, y, z) = (b[0][k] - a[0][k], b[1][k] - a[1][k], b[2][k] - a[2][k]);
-        let norm2_a = a[0][k] * a[0][k] + a[1][k] * a[1][k] + a[2][k] * a[2][k];
-        let norm2_b = b[0][k] * b[0][k] + b[1][k] * b[1][k] + b[2][k] * b[2][k];
-        chords[k] = if (norm2_a > 0.0) & (norm2_b > 0.0) { x * x + y * y + z * z } else { 0.0 };
+        let are_there = (inverse_a[k] > 0.0) & (inverse_b[k] > 0.0);
+        chords[k] = if are_there { x * x + y * y + z * z } else { 0.0 };
     }
     chords
 }

@@ -161,25 +161,10 @@ impl Surface {
         }
     }
 
-    /// Per cell of the mesh which of the cells around share a kept triangle with it, a bit each in the order of
-    /// [`Surface::link_offsets`].
+    /// Per cell of the mesh which of the cells around share a kept triangle with it, a bit each, starting to the right,
+    /// turning by way of below.
     pub(crate) fn links(&self) -> &[u8] {
         &self.links
-    }
-
-    /// The steps to the cells around in an ordered scan whose lines are not closed: there a step from one line to the
-    /// next is always the same.
-    pub(crate) fn link_offsets(&self) -> Option<[isize; 8]> {
-        let topology = self.topology.filter(|topology| !topology.wraps_cols)?;
-        let cols = topology.grid.cols as isize;
-        Some(LINK_OFFSETS.map(|(down, across)| isize::from(down) * cols + isize::from(across)))
-    }
-
-    /// Whether all cells around the `count` cells from `start` on have indices without going round.
-    #[inline]
-    pub(crate) fn is_inside(&self, start: usize, count: usize, offsets: &[isize; 8]) -> bool {
-        let farthest = offsets[1].unsigned_abs();
-        start >= farthest && start + count + farthest <= self.points.len()
     }
 
     /// Works out the steps to the cells around.

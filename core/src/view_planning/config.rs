@@ -147,10 +147,15 @@ pub struct PlanningConfig {
     pub normalisation: Normalisation,
     /// See [`Normalisation::Absolute`] [m^2], 0.01 to 10,000.
     pub zone_saturation_m2: f64,
-    /// No obstacle may lie nearer than this to the robot's centre [m], 0 to 10.
+    /// No obstacle and no step may lie nearer than this to the robot's centre [m], 0 to 10.
     pub footprint_radius_m: f64,
     /// What must be under the footprint.
     pub footprint: FootprintRule,
+    /// The highest step that the robot climbs or goes down [m], 0 to 2; with 0.165 m wheels, their radius.
+    pub max_step_m: f64,
+    /// The steepest slope that the robot climbs [deg], 0 to 60, as the scores' theta. From the middle of a cell to that of a
+    /// neighbour the ground may rise or fall by a step and this slope.
+    pub max_slope_deg: f64,
     /// Around the robot's present place the ground counts as passable up to this distance even if unknown, since the
     /// scanner cannot see under itself [m], 0 to 10.
     pub start_clearance_m: f64,
@@ -191,6 +196,8 @@ impl Default for PlanningConfig {
             zone_saturation_m2: 10.0,
             footprint_radius_m: 0.5,
             footprint: FootprintRule::Clear,
+            max_step_m: 0.165,
+            max_slope_deg: 20.0,
             start_clearance_m: 1.0,
             near_m: 60.0,
             horizon_m: 150.0,
@@ -258,6 +265,8 @@ impl PlanningConfig {
             ("min_mean_quality", self.min_mean_quality, 0.0, 1.0, ""),
             ("zone_saturation_m2", self.zone_saturation_m2, 0.01, 1e4, "m^2"),
             ("footprint_radius_m", self.footprint_radius_m, 0.0, 10.0, "m"),
+            ("max_step_m", self.max_step_m, 0.0, 2.0, "m"),
+            ("max_slope_deg", self.max_slope_deg, 0.0, 60.0, "deg"),
             ("start_clearance_m", self.start_clearance_m, 0.0, 10.0, "m"),
             ("near_m", self.near_m, 10.0, 2000.0, "m"),
             ("horizon_m", self.horizon_m, 10.0, 2000.0, "m"),
@@ -344,6 +353,19 @@ mod tests {
         config.scanner.range_m = f64::NAN;
         let message = config.validate().unwrap_err().to_string();
         assert!(message.contains("scanner.range_m") && message.contains("1 to 500 m"), "{message}");
+    }
+
+    #[test]
+    fn negative_weights_and_steps_are_named() {
+        let refused = |change: fn(&mut PlanningConfig)| {
+            let mut config = PlanningConfig::default();
+            change(&mut config);
+            config.validate().unwrap_err().to_string()
+        };
+        assert!(refused(|c| c.weights.information = -0.2).contains("weights.information = -0.2"));
+        assert!(refused(|c| c.weights.cost = 0.0).contains("weights.cost = 0 is not allowed; give 0.001 to 10 1/m"));
+        assert!(refused(|c| c.max_step_m = -0.1).contains("max_step_m = -0.1 is not allowed; give 0 to 2 m"));
+        assert!(refused(|c| c.max_slope_deg = 90.0).contains("max_slope_deg = 90 is not allowed; give 0 to 60 deg"));
     }
 
     #[test]

@@ -11,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 use proptest::prelude::*;
 use proptest::strategy::Strategy as Generator;
 
-fn strategies() -> Vec<Box<dyn Strategy>> {
+pub(super) fn strategies() -> Vec<Box<dyn Strategy>> {
     let registry = StrategyRegistry::default();
     registry.names().map(|name| registry.create(name).unwrap()).collect()
 }
@@ -21,7 +21,31 @@ fn any_world() -> impl Generator<Value = Vec<String>> {
     prop::collection::vec(prop::collection::vec(cell, 40).prop_map(String::from_iter), 40)
 }
 
-/// Whether a robot from `situation` may be in this cell: proven ground clear of obstacles, or its own surroundings.
+/// Height of the ground of a cell that can be driven on.
+fn ground(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> Option<f64> {
+    let is_proven = matches!(map.state(cell), CellState::Known(c) if c > config.navigable_threshold);
+    is_proven.then(|| map.lowest_level(cell).unwrap().ground())
+}
+
+/// Whether the ground of two neighbouring cells, both of which can be driven on, differs by more than the robot masters.
+fn is_step(map: &InformationMap, a: CellIndex, b: CellIndex, config: &PlanningConfig) -> bool {
+    let distance = 0.3 * f64::from((a.x - b.x).pow(2) + (a.y - b.y).pow(2)).sqrt();
+    let limit = config.max_step_m + distance * config.max_slope_deg.to_radians().tan();
+    let grounds = ground(map, a, config).zip(ground(map, b, config));
+    grounds.is_some_and(|(a, b)| (a - b).abs() > limit)
+}
+
+fn around(cell: CellIndex) -> impl Iterator<Item = CellIndex> {
+    (-1..=1).flat_map(move |x| (-1..=1).map(move |y| CellIndex { x: cell.x + x, y: cell.y + y }))
+}
+
+/// Whether a neighbour lies lower by more than the robot masters.
+fn stands_over_a_step(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> bool {
+    let is_lower = |next: &CellIndex| ground(map, *next, config) < ground(map, cell, config);
+    around(cell).filter(is_lower).any(|next| is_step(map, cell, next, config))
+}
+
+/// Whether a robot from `situation` may be in this cell: proven ground clear of obstacles and steps, or its own surroundings.
 fn may_be_in(map: &InformationMap, cell: CellIndex, situation: &Situation, config: &PlanningConfig) -> bool {
     let is_obstacle = |cell| matches!(map.state(cell), CellState::Known(c) if c < config.sight_threshold);
     let robot = situation.map_from_robot.translation.vector;
@@ -32,8 +56,8 @@ fn may_be_in(map: &InformationMap, cell: CellIndex, situation: &Situation, confi
     }
     let is_proven = |cell| matches!(map.state(cell), CellState::Known(c) if c > config.navigable_threshold);
     let may_be_under = |near| match config.footprint {
-        FootprintRule::Clear => !is_obstacle(near),
-        FootprintRule::Verified => is_proven(near),
+        FootprintRule::Clear => !is_obstacle(near) && !stands_over_a_step(map, near, config),
+        FootprintRule::Verified => is_proven(near) && !stands_over_a_step(map, near, config),
     };
     let mut around = (-3..=3).flat_map(|x| (-3..=3).map(move |y| CellIndex { x: cell.x + x, y: cell.y + y }));
     is_proven(cell)
@@ -41,7 +65,7 @@ fn may_be_in(map: &InformationMap, cell: CellIndex, situation: &Situation, confi
         && config.is_in_work_area(map.centre_of(cell))
 }
 
-fn check_plan(plan: &ViewPlan, map: &InformationMap, situation: &Situation, config: &PlanningConfig) {
+pub(super) fn check_plan(plan: &ViewPlan, map: &InformationMap, situation: &Situation, config: &PlanningConfig) {
     for candidate in &plan.candidates {
         let [x, y, _] = candidate.position;
         assert!(may_be_in(map, map.cell_containing(x, y).unwrap(), situation, config), "candidate {candidate:?}");
@@ -63,6 +87,15 @@ fn check_plan(plan: &ViewPlan, map: &InformationMap, situation: &Situation, conf
         let ends = [piece[0], piece[1]].map(|[x, y, _]| [x / 0.3, y / 0.3]);
         let clear = cells_touched_by_segment(ends[0], ends[1], |cell| may_be_in(map, cell, situation, config));
         assert!(clear, "{piece:?} leaves the ground that can be driven on");
+        let mut touched = Vec::new();
+        cells_touched_by_segment(ends[0], ends[1], |cell| {
+            touched.push(cell);
+            true
+        });
+        for &cell in &touched {
+            let steps = around(cell).filter(|next| touched.contains(next) && is_step(map, cell, *next, config));
+            assert_eq!(steps.count(), 0, "{piece:?} crosses a step at {cell:?}");
+        }
     }
 }
 
@@ -334,5 +367,54 @@ fn a_robot_among_obstacles_or_on_unknown_ground_gets_a_plan_or_a_reason() {
         let plan = plan_with(strategy.as_mut(), &unknown, &at(6.0, 6.0), &near);
         assert!(plan.chosen().is_some(), "{}: {:?}", strategy.name(), plan.decision);
         check_plan(&plan, &unknown, &at(6.0, 6.0), &near);
+    }
+}
+
+#[test]
+fn a_strategy_that_is_told_where_it_has_been_plans_as_one_that_was_there() {
+    let maps = growing(&field(60, 60), 4);
+    let situation =
+        |scan: usize| Situation { scan_number: scan as u64, ..at(3.0 + 3.0 * scan as f64, 2.0 + scan as f64) };
+    for (mut undisturbed, mut restarted) in strategies().into_iter().zip(strategies()) {
+        let mut plans = (0..4).map(|scan| plan_with(undisturbed.as_mut(), &maps[scan], &situation(scan), &config()));
+        let last = plans.by_ref().last().unwrap();
+        for scan in 0..3 {
+            restarted.remember(&situation(scan));
+        }
+        let again = plan_with(restarted.as_mut(), &maps[3], &situation(3), &config());
+        assert_eq!(again, last, "{}", restarted.name());
+        // Asked again, it has not been anywhere else.
+        assert_eq!(plan_with(restarted.as_mut(), &maps[3], &situation(3), &config()), last);
+    }
+}
+
+#[test]
+fn without_any_place_to_scan_from_every_strategy_stops_with_a_reason() {
+    // Reachable ground, but all of it nearer to the robot than the spacing.
+    let map = map_of(&field(30, 30), 0.3);
+    let config = PlanningConfig { spacing_m: 30.0, ..config() };
+    for mut strategy in strategies() {
+        let plan = plan_with(strategy.as_mut(), &map, &at(4.5, 4.5), &config);
+        let draws = ["multi_criteria", "coverage_tour", "random"].contains(&strategy.name());
+        let reason = if draws { StopReason::NoCandidate } else { StopReason::Done };
+        assert_eq!(plan.decision, Decision::Stop { reason }, "{}", strategy.name());
+        assert!(plan.reachable_cells > 100);
+        assert!(plan.rejections.counts.contains_key(&RejectionReason::NearRobot) || !draws, "{:?}", plan.rejections);
+    }
+}
+
+#[test]
+fn a_robot_that_stands_on_an_obstacle_or_beyond_the_map_says_so() {
+    let mut rows = field(40, 40);
+    for row in &mut rows[18..21] {
+        row.replace_range(18..21, "###");
+    }
+    let map = map_of(&rows, 0.3);
+    let nowhere = PlanningConfig { start_clearance_m: 0.0, ..config() };
+    for mut strategy in strategies() {
+        let reason = Decision::Stop { reason: StopReason::NothingReachable };
+        for place in [at(5.85, 5.85), at(-30.0, 5.0)] {
+            assert_eq!(plan_with(strategy.as_mut(), &map, &place, &nowhere).decision, reason, "{}", strategy.name());
+        }
     }
 }

@@ -21,6 +21,10 @@ impl Strategy for ExponentialGain {
         "exponential_gain"
     }
 
+    fn remember(&mut self, situation: &Situation) {
+        self.visited.remember(situation);
+    }
+
     fn plan(
         &mut self,
         workspace: &mut Workspace,

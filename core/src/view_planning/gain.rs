@@ -6,7 +6,7 @@ use super::grid::PlanningGrid;
 use super::plan::RawGain;
 use super::quality::{Offset, QualityModel};
 use super::sweep::{Reach, Sweep};
-use super::tiles::{SIDE, TileDigest};
+use super::tile_digest::{SIDE, TileDigest};
 use crate::information_map::{CellIndex, Zone};
 use crate::simd::widest;
 use crate::threads;
@@ -55,8 +55,18 @@ impl ScannerView {
 /// Evaluates candidates on one grid.
 pub(super) struct GainModel<'a> {
     pub grid: &'a PlanningGrid,
-    pub zones: &'a [Zone],
+    /// Zones in the window, each with its cell.
+    pub zones: Vec<(usize, Zone)>,
     pub view: &'a ScannerView,
+}
+
+/// The zones that lie in the window, each with its cell: however many the map has, these are soon looked through.
+pub(super) fn zones_of(grid: &PlanningGrid, zones: &[Zone]) -> Vec<(usize, Zone)> {
+    let place = |zone: &Zone| {
+        let cell = CellIndex::containing(zone.centre.x / grid.cell_m, zone.centre.y / grid.cell_m)?;
+        grid.at(cell)
+    };
+    zones.iter().filter_map(|zone| place(zone).map(|at| (at, *zone))).collect()
 }
 
 impl GainModel<'_> {
@@ -131,18 +141,16 @@ impl GainModel<'_> {
     /// Sum over the zones in range and in view of |v . n_zone| (4.11). A zone is in view when its cell is.
     fn zones_in(&self, sweep: &Sweep, at: usize, eye: f64) -> f64 {
         let [x, y] = self.grid.centre(at);
-        let is_seen = |zone: &&Zone| {
-            let cell = CellIndex::containing(zone.centre.x / self.grid.cell_m, zone.centre.y / self.grid.cell_m);
-            let there = cell.and_then(|cell| self.grid.at(cell));
-            there.is_some_and(|there| there == at || sweep.sees(there % self.grid.width, there / self.grid.width))
-        };
+        let width = self.grid.width;
+        let is_seen = |there: usize| there == at || sweep.sees(there % width, there / width);
         let face = |zone: &Zone| {
             let ray = zone.centre.coords - Vector3::new(x, y, eye);
             let range = ray.norm();
             if range > 0.0 { zone.normal.dot(&ray).abs() / range } else { 0.0 }
         };
         // Not `sum`, which makes -0 of nothing.
-        self.zones.iter().filter(is_seen).map(face).fold(0.0, |sum, area| sum + area)
+        let seen = self.zones.iter().filter(|(there, _)| is_seen(*there));
+        seen.map(|(_, zone)| face(zone)).fold(0.0, |sum, area| sum + area)
     }
 }
 

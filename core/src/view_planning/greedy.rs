@@ -52,6 +52,10 @@ impl Strategy for Greedy {
         }
     }
 
+    fn remember(&mut self, situation: &Situation) {
+        self.visited.remember(situation);
+    }
+
     fn plan(
         &mut self,
         workspace: &mut Workspace,

@@ -3,8 +3,10 @@
 
 use super::bits::{BitPlane, WORD};
 use super::config::{FootprintRule, PlanningConfig};
+use super::steps::{StepLimits, across};
 use super::sweep::Blocking;
-use super::tiles::{SIDE, TileCache, TileDigest, TileWindow};
+use super::tile_digest::{SIDE, TileDigest};
+use super::tiles::{TileCache, TileWindow};
 use crate::information_map::{CellIndex, InformationMap, TILE_SIDE};
 use nalgebra::Point3;
 
@@ -36,7 +38,9 @@ pub(super) struct PlanningGrid {
     pub navigable: BitPlane,
     /// In the work area.
     pub area: BitPlane,
-    /// The footprint would touch an obstacle, or what its rule forbids.
+    /// Cells at a step: the ground of a neighbour, or their own, lies lower than the robot masters.
+    pub steps: BitPlane,
+    /// The footprint would touch an obstacle or a step, or what its rule forbids.
     pub cramped: BitPlane,
     scratch: BitPlane,
 }
@@ -72,10 +76,8 @@ impl Extent {
 
     /// Whether the map has tiles that the window leaves out.
     pub fn leaves_out_some_of(&self, map: &InformationMap) -> bool {
-        map.tile_bounds().is_some_and(|(low, high)| {
-            let (first, last) = (self.near[0].tile(), self.near[1].tile());
-            low.x < first.x || low.y < first.y || high.x > last.x || high.y > last.y
-        })
+        let [low, high] = self.near.map(CellIndex::tile);
+        map.tiles_between(low, high).count() < map.tile_count()
     }
 }
 
@@ -93,6 +95,7 @@ impl PlanningGrid {
         }
         self.mark_area(config);
         self.gather();
+        self.mark_steps(config);
         self.keep_near(extent);
         self.mark_cramped(config);
         self.laid_out = Some((*extent, config.clone()));
@@ -162,20 +165,78 @@ impl PlanningGrid {
         }
     }
 
-    /// Marks every cell that has an obstacle's middle within the footprint's radius of its own, and by the strict rule
-    /// also those that have any cell there that is not proven ground.
+    /// Marks the cells at a step: those that tiles know of, and those across the borders of tiles.
+    fn mark_steps(&mut self, config: &PlanningConfig) {
+        let limits = StepLimits::new(config, self.cell_m);
+        let mut steps = std::mem::take(&mut self.steps);
+        steps.reset(self.height, self.width / WORD, 0);
+        for (place, &slot) in self.table.iter().enumerate() {
+            let (group, tile_row) = (place % self.window.cols, place / self.window.cols);
+            let Some(digest) = self.tiles.digest(slot) else { continue };
+            let (x, y) = (group * SIDE, tile_row * SIDE);
+            for (k, &bits) in digest.steps.iter().enumerate() {
+                steps.or_sixteen(y + k, group, bits);
+            }
+            const LAST: usize = SIDE - 1;
+            if let Some(above) = self.tile(group, tile_row + 1) {
+                let (here, there) = across(digest.row(LAST), above.row(0), &limits);
+                steps.or_sixteen(y + LAST, group, here);
+                steps.or_sixteen(y + SIDE, group, there);
+            }
+            if let Some(beside) = self.tile(group + 1, tile_row) {
+                let (mut of_here, mut of_there) = ([0.0; SIDE], [0.0; SIDE]);
+                let (here, there) = across(digest.column(LAST, &mut of_here), beside.column(0, &mut of_there), &limits);
+                for k in 0..SIDE {
+                    steps.or_sixteen(y + k, group, (here >> k & 1) << LAST);
+                    steps.or_sixteen(y + k, group + 1, there >> k & 1);
+                }
+            }
+            let mut corner = |a: [usize; 2], b: [usize; 2]| {
+                if let Some([a_is_higher, b_is_higher]) = self.corner_step(a, b, limits.diagonal) {
+                    let [[ax, ay], [bx, by]] = [a, b];
+                    if a_is_higher {
+                        steps.set(ay, ax);
+                    }
+                    if b_is_higher {
+                        steps.set(by, bx);
+                    }
+                }
+            };
+            corner([x + LAST, y + LAST], [x + SIDE, y + SIDE]);
+            if x > 0 {
+                corner([x, y + LAST], [x - 1, y + SIDE]);
+            }
+        }
+        self.steps = steps;
+    }
+
+    /// Which of two cells that can be driven on stands over the other by more than a limit.
+    fn corner_step(&self, [ax, ay]: [usize; 2], [bx, by]: [usize; 2], limit: f32) -> Option<[bool; 2]> {
+        let ground = |x: usize, y: usize| {
+            let digest = self.tile(x / SIDE, y / SIDE)?;
+            let is_navigable = digest.navigable[y % SIDE] >> (x % SIDE) & 1 == 1;
+            is_navigable.then(|| digest.cells.ground[y % SIDE * SIDE + x % SIDE])
+        };
+        let (a, b) = (ground(ax, ay)?, ground(bx, by)?);
+        Some([a - b > limit, b - a > limit])
+    }
+
+    /// Marks every cell that has the middle of an obstacle or of a cell at a step within the footprint's radius of its own,
+    /// and by the strict rule also those that have any cell there that is not proven ground.
     fn mark_cramped(&mut self, config: &PlanningConfig) {
         let radius = config.footprint_radius_m / self.cell_m;
         match config.footprint {
-            FootprintRule::Clear => self.blocks.dilate_into(radius, &mut self.cramped),
+            FootprintRule::Clear => self.scratch.words.clone_from(&self.blocks.words),
             FootprintRule::Verified => {
-                self.scratch.reset(self.height, self.navigable.stride, 0);
-                for (out, word) in self.scratch.words.iter_mut().zip(&self.navigable.words) {
-                    *out = !word;
-                }
-                self.scratch.dilate_into(radius, &mut self.cramped);
+                self.scratch.words.clear();
+                self.scratch.words.extend(self.navigable.words.iter().map(|word| !word));
             }
         }
+        self.scratch.stride = self.blocks.stride;
+        for (out, step) in self.scratch.words.iter_mut().zip(&self.steps.words) {
+            *out |= step;
+        }
+        self.scratch.dilate_into(radius, &mut self.cramped);
     }
 
     fn corner(&self) -> CellIndex {
@@ -232,6 +293,12 @@ impl PlanningGrid {
         (digest.known[y % SIDE] >> (x % SIDE) & 1 == 1).then_some((digest, y % SIDE * SIDE + x % SIDE))
     }
 
+    /// Height of the ground of a cell [m, map frame], where any was seen.
+    pub fn ground(&self, at: usize) -> Option<f32> {
+        let (digest, within) = self.known_cell(at)?;
+        (digest.grounded[within / SIDE] >> (within % SIDE) & 1 == 1).then(|| digest.cells.ground[within])
+    }
+
     /// Offsets, as places, to all cells whose centres lie within `radius_m`, this cell included.
     pub fn disc(&self, radius_m: f64) -> Vec<isize> {
         let radius = radius_m / self.cell_m;
@@ -243,6 +310,19 @@ impl PlanningGrid {
             .collect()
     }
 
+    /// The square of the distance between the centres of two cells [cells^2].
+    pub fn square_distance(&self, a: usize, b: usize) -> usize {
+        (a % self.width).abs_diff(b % self.width).pow(2) + (a / self.width).abs_diff(b / self.width).pow(2)
+    }
+
+    /// The eight cells around one that is not at the edge of the window, and whether they share a side with it.
+    pub fn neighbours(&self, at: usize) -> impl Iterator<Item = (usize, bool)> {
+        let width = self.width as isize;
+        let around = [(1, true), (-1, true), (width, true), (-width, true)].into_iter();
+        let corners = [width + 1, width - 1, 1 - width, -width - 1].map(|offset| (offset, false));
+        around.chain(corners).map(move |(offset, is_beside)| (at.wrapping_add_signed(offset), is_beside))
+    }
+
     /// Bytes held.
     pub fn bytes(&self) -> usize {
         let planes = [
@@ -252,6 +332,7 @@ impl PlanningGrid {
             &self.unexplored,
             &self.navigable,
             &self.area,
+            &self.steps,
             &self.cramped,
             &self.scratch,
         ];

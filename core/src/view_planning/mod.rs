@@ -21,9 +21,11 @@ mod plan;
 mod quality;
 mod random;
 mod registry;
+mod steps;
 mod strategy;
 mod survey;
 mod sweep;
+mod tile_digest;
 mod tiles;
 mod tour;
 mod tour_order;
@@ -33,6 +35,8 @@ mod workspace;
 
 #[cfg(test)]
 mod conformance;
+#[cfg(test)]
+mod conformance_steps;
 #[cfg(test)]
 mod test_worlds;
 

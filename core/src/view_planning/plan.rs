@@ -43,7 +43,7 @@ pub struct Candidate {
 pub enum RejectionReason {
     /// Outside the work area.
     OutsideArea,
-    /// The robot's footprint would touch an obstacle.
+    /// The robot's footprint would touch an obstacle or a step.
     NearObstacle,
     /// No path leads there.
     Unreachable,

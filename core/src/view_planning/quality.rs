@@ -1,7 +1,7 @@
 //! What quality will a scan find? D (3.27) with the D_A and D_I that it will measure (4.8, 4.9), for eight cells at once.
 
 use super::config::ScannerModel;
-use super::tiles::{SIDE, TileBounds, TileCells};
+use super::tile_digest::{SIDE, TileBounds, TileCells};
 
 /// Cells computed together.
 const LANES: usize = 8;

@@ -25,6 +25,10 @@ pub trait Strategy: Send {
     /// The name under which the registry knows it.
     fn name(&self) -> &str;
 
+    /// The robot was there and planned there: told of every scan of the run so far, in their order, before the first plan
+    /// after a restart, so that the plans are those of a strategy that was there. Who keeps nothing need not care.
+    fn remember(&mut self, _situation: &Situation) {}
+
     /// Decides where to go, or to stop, and says why. `config` has been validated. `workspace` saves time only: planning
     /// again on the same map and situation, by other weights or another strategy, finds its candidates evaluated.
     fn plan(

@@ -5,6 +5,7 @@ use super::cost_tree::{CostTree, Terrain};
 use super::grid::PlanningGrid;
 use super::path::waypoints;
 use super::plan::{Candidate, Decision, RejectionReason, StopReason, ViewPlan};
+use super::steps::StepLimits;
 use nalgebra::Point3;
 
 /// The window, the terrain and the ways over it.
@@ -100,8 +101,9 @@ impl Survey {
     }
 
     /// Ground that can be driven on: in the work area, C_nc over the threshold, room for the footprint. Around the start
-    /// the robot has proven the ground by standing there, so whatever is not an obstacle passes, at the cost of ground
-    /// that just passes; without this the blind spot under the scanner would lock the robot in.
+    /// the robot has proven the ground by standing there, so whatever is not an obstacle or a step passes, at the cost of ground
+    /// that just passes; without this the blind spot under the scanner would lock the robot in. Between no two neighbours
+    /// that pass the ground differs by more than the robot masters.
     fn lay_terrain(&mut self, start: usize, config: &PlanningConfig) {
         let grid = &self.grid;
         let terrain = &mut self.terrain;
@@ -120,13 +122,44 @@ impl Survey {
             }
         }
         let worst = 1.0 / config.navigable_threshold as f32;
-        for offset in grid.disc(config.start_clearance_m) {
-            let at = start.wrapping_add_signed(offset);
-            if terrain.slowness[at].is_infinite() && !grid.has(&grid.blocks, at) {
-                terrain.slowness[at] = worst;
+        self.terrain.slowness[start] = self.terrain.slowness[start].min(worst);
+        for at in self.around_start(start, config.start_clearance_m) {
+            if self.terrain.slowness[at].is_infinite() && self.is_even_with_ground_around(at, start, config) {
+                self.terrain.slowness[at] = worst;
             }
         }
-        terrain.slowness[start] = terrain.slowness[start].min(worst);
+    }
+
+    /// The cells that pass because the robot stands there, the nearest first.
+    fn around_start(&self, start: usize, clearance_m: f64) -> Vec<usize> {
+        let mut disc: Vec<_> = self.grid.disc(clearance_m).into_iter().map(|o| start.wrapping_add_signed(o)).collect();
+        disc.retain(|&at| !self.grid.has(&self.grid.blocks, at));
+        disc.sort_by_key(|&at| (self.grid.square_distance(at, start), at));
+        disc
+    }
+
+    /// Whether no step leads from a cell near the start to a neighbour that passes already. Ground that was never seen is
+    /// taken to be as the robot's, as far as the steepest slope allows.
+    fn is_even_with_ground_around(&self, at: usize, start: usize, config: &PlanningConfig) -> bool {
+        let limits = StepLimits::new(config, self.grid.cell_m);
+        let ground = |at| self.grid.ground(at);
+        let robot = self.robot.z as f32;
+        let is_robots = |height: f32, at: usize| {
+            let distance = (self.grid.square_distance(at, start) as f64).sqrt() * self.grid.cell_m;
+            (height - robot).abs() <= limits.step + distance as f32 * limits.slope
+        };
+        let is_even = |next: usize, limit: f32| {
+            !self.terrain.is_passable(next)
+                || match (ground(at), ground(next)) {
+                    (Some(here), Some(there)) => (here - there).abs() <= limit,
+                    (Some(here), None) => is_robots(here, at),
+                    (None, Some(there)) => is_robots(there, next),
+                    (None, None) => true,
+                }
+        };
+        self.grid
+            .neighbours(at)
+            .all(|(next, is_beside)| is_even(next, if is_beside { limits.beside } else { limits.diagonal }))
     }
 
     /// Bytes held.

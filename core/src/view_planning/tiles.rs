@@ -2,73 +2,12 @@
 //! changed. This file and [`super::grid`] are the only ones that know the map's cells.
 
 use super::config::PlanningConfig;
-use crate::information_map::{Evidence, InformationMap, LevelChoice, Reach, TILE_CELLS, TILE_SIDE, Tile, TileIndex};
+use super::steps::StepLimits;
+use super::tile_digest::{Rules, TileCells, TileDigest};
+use crate::information_map::{InformationMap, LevelSearch, Reach, Tile, TileIndex};
 use crate::threads;
 use nalgebra::Point3;
 use std::collections::HashMap;
-
-/// Neighbouring levels whose ground differs by more than this are not of the same way [m].
-const MAX_STEP_M: f64 = 0.5;
-
-/// Cells along a side of a tile.
-pub(super) const SIDE: usize = TILE_SIDE as usize;
-
-/// What gain and cost need of the cells of a tile, each value for all cells in a row (rows of constant y), 10 kB. Values
-/// of unknown cells mean nothing.
-#[derive(Debug, Clone)]
-pub(super) struct TileCells {
-    /// Means of the products xx, xy, xz, yy, yz, zz of the normals' components (see `NormalStatistics::mean_moments`).
-    pub moments: [[f32; TILE_CELLS]; 6],
-    /// Mean height of everything seen [m, map frame].
-    pub height: [f32; TILE_CELLS],
-    /// Q_a (4.5).
-    pub quality: [f32; TILE_CELLS],
-    /// Mean height of the ground [m, map frame]; that of everything where there is no ground.
-    pub ground: [f32; TILE_CELLS],
-    /// C_nc (4.4).
-    pub navigability: [f32; TILE_CELLS],
-}
-
-/// Bounds over the known cells of a tile, from which it is told that a view can improve none of them.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct TileBounds {
-    pub least_quality: f32,
-    /// Largest mean square of the normals' horizontal part, and of their vertical part.
-    pub horizontal: f32,
-    pub vertical: f32,
-    pub lowest: f32,
-    pub highest: f32,
-}
-
-/// A tile as planning sees it.
-#[derive(Debug, Clone)]
-pub(super) struct TileDigest {
-    index: TileIndex,
-    revision: u64,
-    /// Where the map keeps the tile's evidence: tells the tiles of two maps apart.
-    address: usize,
-    /// Cells with several levels, and the level of each that is shown.
-    several: Vec<(u8, u8)>,
-    /// Bits by row of constant y.
-    pub known: [u16; SIDE],
-    /// C_nc under the sight threshold.
-    pub blocks: [u16; SIDE],
-    /// C_nc over the navigable threshold.
-    pub navigable: [u16; SIDE],
-    pub bounds: TileBounds,
-    pub cells: Box<TileCells>,
-}
-
-/// The settings a digest depends on.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Rules {
-    sight: f64,
-    navigable: f64,
-    obstacle_weight: f64,
-    clearance_m: f64,
-    start_m: f64,
-    cell_m: f64,
-}
 
 /// The digests of the tiles near the robot.
 #[derive(Debug, Default)]
@@ -79,7 +18,8 @@ pub(super) struct TileCache {
     /// The map's revision when the cache last looked.
     revision: u64,
     /// For what the levels of cells were chosen last.
-    chosen_for: Option<(u64, [f64; 3], TileWindow)>,
+    chosen_for: Option<(u64, Reach, TileWindow)>,
+    search: LevelSearch,
 }
 
 /// A rectangle of tiles.
@@ -91,6 +31,17 @@ pub(super) struct TileWindow {
 }
 
 impl TileWindow {
+    /// Its tile of the smallest coordinates.
+    fn low(&self) -> TileIndex {
+        TileIndex { x: self.low[0], y: self.low[1] }
+    }
+
+    /// Its tile of the largest coordinates.
+    fn high(&self) -> TileIndex {
+        let [x, y] = self.low;
+        TileIndex { x: x + self.cols as i32 - 1, y: y + self.rows as i32 - 1 }
+    }
+
     /// The place of a tile in the window, row by row.
     pub fn place(&self, tile: TileIndex) -> Option<usize> {
         let (x, y) = (i64::from(tile.x) - i64::from(self.low[0]), i64::from(tile.y) - i64::from(self.low[1]));
@@ -118,10 +69,8 @@ impl TileCache {
         let rules = Rules {
             sight: config.sight_threshold,
             navigable: config.navigable_threshold,
-            obstacle_weight: map.config().obstacle_weight,
-            clearance_m: map.config().clearance_m,
-            start_m: config.start_clearance_m,
-            cell_m: map.cell_m(),
+            map: *map.config(),
+            steps: StepLimits::new(config, map.cell_m()),
         };
         // A map that is older than it was is another map.
         if rules != self.rules || map.revision() < self.revision {
@@ -131,17 +80,15 @@ impl TileCache {
         self.forget_far_ones(window);
         let before = std::mem::replace(table, vec![u32::MAX; window.cols * window.rows]);
         let mut stale: Vec<Option<&Tile>> = vec![None; self.digests.len()];
-        for tile in map.tiles() {
+        for tile in map.tiles_between(window.low(), window.high()) {
             let Some(place) = window.place(tile.index()) else { continue };
-            let address = tile.address();
             let slot = *self.slots.entry(tile.index()).or_insert_with(|| {
                 self.digests.push(TileDigest::empty(tile.index()));
                 stale.push(None);
                 self.digests.len() - 1
             });
             table[place] = slot as u32;
-            let digest = &self.digests[slot];
-            if digest.revision != tile.revision() || digest.address != address {
+            if !self.digests[slot].is_of(tile) {
                 stale[slot] = Some(tile);
             }
         }
@@ -149,48 +96,51 @@ impl TileCache {
             self.digests.iter_mut().zip(&stale).filter_map(|(digest, tile)| tile.map(|tile| (digest, tile))).collect();
         // Tiles that are gone belong to a map that is gone.
         let has_news = !jobs.is_empty();
-        threads::for_each(jobs.into_iter(), threads, |(digest, tile)| {
-            digest.read(tile, &rules, &LevelChoice::default())
-        });
-        let levels_changed = self.choose_levels(map, window, robot, has_news);
+        threads::for_each(jobs.into_iter(), threads, |(digest, tile)| digest.read(tile, &rules));
+        let reach = Reach {
+            robot: *robot,
+            window_m: f64::INFINITY,
+            start_m: config.start_clearance_m,
+            max_step_m: StepLimits::between_levels(config, map.cell_m()),
+            navigable_threshold: rules.navigable,
+        };
+        let levels_changed = self.choose_levels(map, window, &reach, has_news, table);
         has_news || *table != before || levels_changed
     }
 
-    /// Shows the levels that the robot gets to; whether others are shown than before. A search that is only needed where
-    /// cells have several levels.
+    /// Shows the levels that the robot gets to; whether others are shown than before. The search is only needed where cells
+    /// have several levels.
     fn choose_levels(
         &mut self,
         map: &InformationMap,
         window: &TileWindow,
-        robot: &Point3<f64>,
+        reach: &Reach,
         has_news: bool,
+        table: &[u32],
     ) -> bool {
-        let key = (map.revision(), [robot.x, robot.y, robot.z], *window);
+        let key = (map.revision(), *reach, *window);
         if !has_news && self.chosen_for == Some(key) {
             return false;
         }
         self.chosen_for = Some(key);
-        let is_in = |digest: &TileDigest| window.place(digest.index).is_some() && !digest.several.is_empty();
-        if !self.digests.iter().any(is_in) {
+        let mut search = std::mem::take(&mut self.search);
+        let levels: Vec<_> = table.iter().map(|&slot| self.digest(slot).map(|digest| &digest.levels)).collect();
+        if !levels.iter().flatten().any(|levels| levels.has_several()) {
             return false;
         }
-        let side = f64::from(TILE_SIDE) * self.rules.cell_m;
-        let choice = map.choose_levels(&Reach {
-            robot: *robot,
-            window_m: window.cols.max(window.rows) as f64 * side,
-            start_m: self.rules.start_m,
-            max_step_m: MAX_STEP_M,
-            navigable_threshold: self.rules.navigable,
-        });
+        search.run(&levels, window.low().cell(0), window.cols, reach, map.cell_m());
         let mut has_changed = false;
-        for tile in map.tiles() {
-            let Some(&slot) = self.slots.get(&tile.index()) else { continue };
-            let digest = &mut self.digests[slot];
-            if window.place(digest.index).is_some() && digest.differs_from(&choice) {
-                digest.read(tile, &self.rules, &choice);
+        for (place, &slot) in table.iter().enumerate() {
+            let Some(digest) = self.digests.get_mut(slot as usize) else { continue };
+            let choose = |within| search.level_of(place, within);
+            if digest.differs_from(choose)
+                && let Some(tile) = map.tile(digest.index)
+            {
+                digest.read_showing(tile, &self.rules, choose);
                 has_changed = true;
             }
         }
+        self.search = search;
         has_changed
     }
 
@@ -200,7 +150,8 @@ impl TileCache {
 
     /// Bytes held.
     pub fn bytes(&self) -> usize {
-        self.digests.len() * (size_of::<TileDigest>() + size_of::<TileCells>())
+        let upper: usize = self.digests.iter().map(|digest| digest.levels.bytes()).sum();
+        self.digests.len() * (size_of::<TileDigest>() + size_of::<TileCells>()) + upper
     }
 
     fn forget_far_ones(&mut self, window: &TileWindow) {
@@ -212,87 +163,6 @@ impl TileCache {
     }
 }
 
-impl TileDigest {
-    fn empty(index: TileIndex) -> Self {
-        let none = [0.0; TILE_CELLS];
-        let cells = TileCells { moments: [none; 6], height: none, quality: none, ground: none, navigability: none };
-        Self {
-            index,
-            revision: 0,
-            address: 0,
-            several: Vec::new(),
-            known: [0; SIDE],
-            blocks: [0; SIDE],
-            navigable: [0; SIDE],
-            bounds: TileBounds::NONE,
-            cells: Box::new(cells),
-        }
-    }
-
-    fn read(&mut self, tile: &Tile, rules: &Rules, choice: &LevelChoice) {
-        (self.revision, self.address) = (tile.revision(), tile.address());
-        (self.known, self.blocks, self.navigable) = ([0; SIDE], [0; SIDE], [0; SIDE]);
-        self.bounds = TileBounds::NONE;
-        self.several.clear();
-        for (index, cell) in tile.known_cells() {
-            if let Some(level) = cell.undivided(rules.clearance_m) {
-                self.read_evidence(index.within_tile(), &level.evidence, rules);
-                continue;
-            }
-            let levels = cell.levels(rules.clearance_m);
-            if levels.as_slice().len() > 1 {
-                self.several.push((index.within_tile() as u8, choice.of(index) as u8));
-            }
-            if let Some(level) = choice.pick(index, &levels) {
-                self.read_evidence(index.within_tile(), &level.evidence, rules);
-            }
-        }
-    }
-
-    /// Whether another level is chosen for one of its cells than the one that is shown.
-    fn differs_from(&self, choice: &LevelChoice) -> bool {
-        self.several.iter().any(|&(within, shown)| choice.of(self.index.cell(within.into())) != usize::from(shown))
-    }
-
-    fn read_evidence(&mut self, within: usize, evidence: &Evidence, rules: &Rules) {
-        let Some(navigability) = evidence.navigability(rules.obstacle_weight) else { return };
-        let (row, bit) = (within / SIDE, 1u16 << (within % SIDE));
-        self.known[row] |= bit;
-        if navigability < rules.sight {
-            self.blocks[row] |= bit;
-        }
-        if navigability > rules.navigable {
-            self.navigable[row] |= bit;
-        }
-        let cells = &mut *self.cells;
-        let height = evidence.height().unwrap_or(0.0);
-        let moments = evidence.mean_moments();
-        for (column, moment) in cells.moments.iter_mut().zip(moments) {
-            column[within] = moment;
-        }
-        cells.height[within] = height as f32;
-        cells.quality[within] = evidence.quality().unwrap_or(0.0) as f32;
-        cells.ground[within] = evidence.ground_height().unwrap_or(height) as f32;
-        cells.navigability[within] = navigability as f32;
-        self.bounds.include(&moments, cells.height[within], cells.quality[within]);
-    }
-}
-
-impl TileBounds {
-    const NONE: Self = Self {
-        least_quality: f32::INFINITY,
-        horizontal: 0.0,
-        vertical: 0.0,
-        lowest: f32::INFINITY,
-        highest: f32::NEG_INFINITY,
-    };
-
-    fn include(&mut self, moments: &[f32; 6], height: f32, quality: f32) {
-        let [xx, _, _, yy, _, zz] = *moments;
-        self.least_quality = self.least_quality.min(quality);
-        self.horizontal = self.horizontal.max(xx + yy);
-        self.vertical = self.vertical.max(zz);
-        self.lowest = self.lowest.min(height);
-        self.highest = self.highest.max(height);
-    }
-}
+#[cfg(test)]
+#[path = "tiles_tests.rs"]
+mod tests;

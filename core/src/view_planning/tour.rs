@@ -15,7 +15,7 @@ use super::gain::{GainModel, LEVEL};
 use super::plan::{Decision, StopReason, ViewPlan};
 use super::strategy::{Situation, Strategy};
 use super::sweep::Sweep;
-use super::tiles::SIDE;
+use super::tile_digest::SIDE;
 use super::tour_order::order;
 use super::workspace::{Stage, Workspace, plan_in_stages};
 use crate::information_map::InformationMap;

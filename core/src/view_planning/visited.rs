@@ -3,20 +3,25 @@
 
 use super::strategy::Situation;
 
-/// The places of a run at which plans were made. Not kept over a restart: places may then be visited once more.
+/// The places of a run at which plans were made, one a scan. Who restarts tells a strategy where it has been
+/// ([`Strategy::remember`](super::Strategy::remember)).
 #[derive(Debug, Clone, Default)]
 pub(super) struct Visited {
     places: Vec<[f64; 2]>,
-    last_scan: u64,
+    last_scan: Option<u64>,
 }
 
 impl Visited {
-    /// Remembers where the robot is. Scans that are numbered anew begin another run.
+    /// Remembers where the robot is; asked again after the same scan, nothing new. Scans that are numbered anew begin another
+    /// run.
     pub fn remember(&mut self, situation: &Situation) {
-        if situation.scan_number < self.last_scan {
+        let last = self.last_scan.replace(situation.scan_number);
+        if last == Some(situation.scan_number) {
+            return;
+        }
+        if last > Some(situation.scan_number) {
             self.places.clear();
         }
-        self.last_scan = situation.scan_number;
         let robot = situation.map_from_robot.translation.vector;
         if !self.places.contains(&[robot.x, robot.y]) {
             self.places.push([robot.x, robot.y]);

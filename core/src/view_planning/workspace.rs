@@ -2,7 +2,7 @@
 
 use super::candidates::{Draw, draw};
 use super::config::PlanningConfig;
-use super::gain::{GainModel, ScannerView, SweepPool, for_each_place};
+use super::gain::{GainModel, ScannerView, SweepPool, for_each_place, zones_of};
 use super::grid::Extent;
 use super::plan::{Candidate, Decision, RawGain, Rejections, StopReason, ViewPlan};
 use super::strategy::Situation;
@@ -112,7 +112,7 @@ impl Workspace {
         }
         let view = self.view.get_or_insert_with(|| ScannerView::new(&config.scanner, cell_m));
         let draw = draw(&self.survey, situation, config);
-        let model = GainModel { grid: &self.survey.grid, zones: map.zones(), view };
+        let model = GainModel { grid: &self.survey.grid, zones: zones_of(&self.survey.grid, map.zones()), view };
         let mut gains = vec![RawGain::default(); draw.places.len()];
         let places: Vec<_> = draw.places.iter().map(|&(at, _)| (at, self.survey.ground_at(at))).collect();
         for_each_place(&places, &mut gains, situation.threads, &self.pool, |sweep, at, ground, gain| {
@@ -154,7 +154,7 @@ impl Stage<'_> {
         let Workspace { survey, view: Some(view), evaluation: Some(evaluation), pool, .. } = &*self.workspace else {
             return Vec::new();
         };
-        let model = GainModel { grid: &survey.grid, zones: self.map.zones(), view };
+        let model = GainModel { grid: &survey.grid, zones: zones_of(&survey.grid, self.map.zones()), view };
         let places: Vec<_> = evaluation.draw.places.iter().map(|&(at, _)| (at, survey.ground_at(at))).collect();
         let mut results = Vec::new();
         results.resize_with(places.len(), R::default);

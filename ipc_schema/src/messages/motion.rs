@@ -47,9 +47,10 @@ message! {
         pub linear: f64,
         /// Turning speed about z [rad/s].
         pub angular: f64,
-        /// The command ends after this time [ns].
+        /// The command ends after this time [ns]; 0 signs its source off. Of an emergency stop 0 releases it and anything
+        /// else presses it.
         pub valid_ns: u64,
-        /// Source by priority: 0 emergency, 1 board joystick, 2 radio, 3 operator, 4 navigation.
+        /// Source by priority: 0 emergency stop, 1 board joystick, 2 radio, 3 operator, 4 navigation.
         pub source: u32,
         /// Not used.
         pub reserved: u32,

@@ -60,7 +60,8 @@ message! {
     pub struct ScanRequest: "mirador/ScanRequest/1", size 16 {
         /// See [`ScanRequestKind`].
         pub kind: u32,
-        /// The scan that is asked for again; not used when a new one is to be taken.
+        /// The scan that is asked for: of a new one the number it is to have. Who is asked to take the scan that was taken
+        /// last, or is being taken, takes it again.
         pub scan: u32,
         /// Not used.
         pub reserved: u64,

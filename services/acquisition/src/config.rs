@@ -28,7 +28,7 @@ pub struct AcquisitionConfig {
     pub drop_no_return_code: bool,
     /// `scene`: name of a built-in scene, or a scene file.
     pub scene: String,
-    /// `scene`: the scanner.
+    /// `scene` and `robot`: the scanner.
     pub scanner: ScannerConfig,
     /// `scene`: standard deviation of the odometry that serves as prior [m of every m driven].
     pub odometry_noise: f64,
@@ -36,6 +36,8 @@ pub struct AcquisitionConfig {
     pub odometry_noise_deg: f64,
     /// `scene`: how often the tour of the scene's poses is made.
     pub rounds: u32,
+    /// `robot`: a scan with more than this share of its sweeps missing is taken again, twice at most.
+    pub missing_max: f64,
     /// What noise is drawn from.
     pub seed: u64,
     /// Release scans by their time at this multiple of real time; 0 releases each when the last one is finished.
@@ -56,6 +58,8 @@ pub enum SourceKind {
     Replay,
     /// The ray-cast scanner in a scene.
     Scene,
+    /// Sweeps and encoder of a robot's turning laser.
+    Robot,
 }
 
 impl Default for AcquisitionConfig {
@@ -73,6 +77,7 @@ impl Default for AcquisitionConfig {
             odometry_noise: 0.02,
             odometry_noise_deg: 1.0,
             rounds: 1,
+            missing_max: 0.1,
             seed: 1,
             speed: 0.0,
             max_scans: 0,
@@ -124,6 +129,7 @@ impl AcquisitionConfig {
                 "0 to 180",
             ),
             ("rounds", f64::from(self.rounds), (1..=10_000).contains(&self.rounds), "1 to 10000"),
+            ("missing_max", self.missing_max, (0.0..=1.0).contains(&self.missing_max), "0 to 1"),
             ("speed", self.speed, (0.0..=1e6).contains(&self.speed), "0 (lockstep) to 1000000"),
         ];
         for (field, value, right, allowed) in checks {

@@ -1,10 +1,13 @@
-//! The process that delivers scans: from files, from a recording, or from the ray-cast scanner in a scene.
+//! The process that delivers scans: from files, from a recording, from the ray-cast scanner in a scene, or from the
+//! sweeps and the encoder of a robot's turning laser.
 //!
 //! It writes each cloud once, straight into shared memory, and in lockstep waits with the next one until every service
 //! has finished the last. It keeps the clock of the run.
 
 mod config;
+mod live;
 mod no_return;
+mod scan_store;
 mod service;
 mod source;
 

@@ -11,9 +11,9 @@ use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, clock, text, topics};
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place};
 
-use crate::AcquisitionConfig;
 use crate::no_return::empty_no_returns;
 use crate::source::{Filtered, ScanInfo, Source, SourceError, open_source};
+use crate::{AcquisitionConfig, SourceKind, live};
 
 /// How long the end of a run in real time waits for services that get no further.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -23,6 +23,9 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// # Errors
 /// See [`ServiceError`].
 pub fn run(setup: &ServiceSetup, config: &AcquisitionConfig) -> Result<(), ServiceError> {
+    if config.source == SourceKind::Robot {
+        return live::run(setup, config);
+    }
     let mut source = open_source(config, setup.threads).map_err(unusable)?;
     let participant = setup.join()?;
     let mut acquisition = Acquisition::open(setup, config, participant)?;

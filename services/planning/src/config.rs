@@ -76,5 +76,14 @@ mod tests {
         assert!(wrong(|c| c.map.clearance_m = 0.0).contains("clearance_m"));
         assert!(wrong(|c| c.corrections.limits.min_shift_m = f64::NAN).contains("corrections.limits: min_shift_m"));
         assert!(wrong(|c| c.corrections.patience_ms = 1_000_000).contains("corrections.patience_ms"));
+        assert!(
+            wrong(|c| c.view.weights.quality = -0.1).contains("weights.quality = -0.1 is not allowed; give 0 to 1")
+        );
+        let nothing = |c: &mut PlanningServiceConfig| {
+            let weights = &mut c.view.weights;
+            (weights.information, weights.quality, weights.zones) = (0.0, 0.0, 0.0);
+        };
+        assert!(wrong(nothing).contains("are all 0; give at least one a value"));
+        assert!(wrong(|c| c.view.strategy = "fronteer".into()).contains("planning.view.strategy"));
     }
 }

@@ -90,7 +90,7 @@ pub(crate) fn candidate(candidate: &Candidate) -> CandidateView {
 pub(crate) fn rejected(rejected: &Rejected) -> CandidateView {
     let (status, reason) = match rejected.reason {
         RejectionReason::OutsideArea => (1, "outside the work area"),
-        RejectionReason::NearObstacle => (2, "an obstacle is within the footprint"),
+        RejectionReason::NearObstacle => (2, "an obstacle or a step is within the footprint"),
         RejectionReason::Unreachable => (3, "no path leads there"),
         RejectionReason::NearRobot => (4, "too near to where the robot stands"),
         RejectionReason::NearCandidate => (5, "too near to a candidate drawn earlier"),

@@ -116,7 +116,7 @@ impl Outbox {
                 header: news.header,
                 revision: map.revision(),
                 cell_m: map.cell_m(),
-                tiles_total: map.tiles().count() as u32,
+                tiles_total: map.tile_count() as u32,
                 cells_known: figures.cells_known,
                 mean_quality: figures.mean_quality,
                 bytes: map.bytes() as u64,

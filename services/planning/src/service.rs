@@ -82,9 +82,7 @@ impl<'a> Planning<'a> {
         let (inbox, corrections) = (Inbox::open(participant)?, Corrections::open(participant)?);
         let health = HealthReporter::open(participant, &setup.name)?;
         let (kept, progress) = state::open(&setup.state_file(), setup.incarnation == 0, config)?;
-        let strategy = StrategyRegistry::default()
-            .create(&config.view.strategy)
-            .map_err(|e| ServiceError::Config(e.to_string()))?;
+        let strategy = strategy_that_was_there(&config.view.strategy, &progress, config.seed)?;
         Ok(Self {
             setup,
             config: config.clone(),
@@ -210,6 +208,8 @@ impl<'a> Planning<'a> {
         };
         self.decide(&basis, None, header, begin.elapsed())?;
         self.progress.ground_height_m = basis.ground_height_m;
+        let robot = robot_pose(&basis.map_from_scanner, basis.ground_height_m);
+        self.progress.visited.push((number, robot.translation.vector.into()));
         self.planned_at = Instant::now();
         if step.alignment.status != ALIGNMENT_REJECTED {
             // Still the summary of this scan; off the way of the plan, as disks are slow.
@@ -238,6 +238,7 @@ impl<'a> Planning<'a> {
         if summary.points_outside > 0 {
             tracing::warn!(scan = number, points = summary.points_outside, "points are too far away for the map");
         }
+        self.kept.map.set_threads(threads);
         self.kept.map.add(evidence, map_from_scanner).map_err(|e| e.to_string())?;
         self.kept.poses.added(number.into(), *map_from_scanner);
         self.kept.map.update_zones(number.into(), &step.zones, map_from_scanner, &self.config.zones);
@@ -294,9 +295,7 @@ impl<'a> Planning<'a> {
         let plan = if settings.strategy == self.config.view.strategy {
             self.strategy.plan(&mut self.workspace, map, &situation, settings)
         } else {
-            let mut strategy = StrategyRegistry::default()
-                .create(&settings.strategy)
-                .map_err(|e| ServiceError::Config(e.to_string()))?;
+            let mut strategy = strategy_that_was_there(&settings.strategy, &self.progress, self.config.seed)?;
             strategy.plan(&mut self.workspace, map, &situation, settings)
         };
         let known = ViewPlanMeta {
@@ -307,7 +306,7 @@ impl<'a> Planning<'a> {
             map_from_scanner: rows_from_pose(&basis.map_from_scanner),
             cells_known: self.figures.cells_known(map),
             zones: map.zones().len() as u32,
-            map_tiles: map.tiles().count() as u32,
+            map_tiles: map.tile_count() as u32,
             map_bytes: map.bytes() as u64,
             ..messages::plan_meta(&plan)
         };
@@ -333,6 +332,16 @@ struct Basis {
     map_from_scanner: Pose,
     /// Height of the ground under the robot relative to the scanner [m].
     ground_height_m: f64,
+}
+
+/// A new strategy that knows where the robot has planned before in this run.
+fn strategy_that_was_there(name: &str, progress: &Progress, run_seed: u64) -> Result<Box<dyn Strategy>, ServiceError> {
+    let mut strategy = StrategyRegistry::default().create(name).map_err(|e| ServiceError::Config(e.to_string()))?;
+    for &(scan, [x, y, z]) in &progress.visited {
+        let (map_from_robot, scan_number) = (Pose::translation(x, y, z), u64::from(scan));
+        strategy.remember(&Situation { map_from_robot, scan_number, run_seed, threads: 1 });
+    }
+    Ok(strategy)
 }
 
 /// The robot's base: on the ground under the scanner, upright, heading as the scanner does.

@@ -13,7 +13,7 @@ use crate::PlanningServiceConfig;
 use crate::scan_file::ScanFile;
 
 /// Begins the checkpoint; the last byte is the version.
-const MARK: [u8; 4] = *b"MPS\x02";
+const MARK: [u8; 4] = *b"MPS\x03";
 
 /// Where planning is.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -30,6 +30,8 @@ pub(crate) struct Progress {
     pub last_path: Vec<u8>,
     /// Height of the ground under the robot at the last scan, relative to the scanner [m].
     pub ground_height_m: f64,
+    /// The scans planned on, and where the robot was then [m, map frame]: strategies keep away from where they have been.
+    pub visited: Vec<(u32, [f64; 3])>,
 }
 
 impl Progress {
@@ -69,6 +71,11 @@ pub(crate) fn save(path: &Path, kept: &KeptMap, progress: &Progress) -> Result<(
     }
     kept.poses.write(&mut out);
     kept.map.zone_list().write(&mut out);
+    out.extend_from_slice(&(progress.visited.len() as u64).to_le_bytes());
+    for (scan, place) in &progress.visited {
+        out.extend_from_slice(&scan.to_le_bytes());
+        place.iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
+    }
     for message in [&progress.last_plan, &progress.last_path] {
         out.extend_from_slice(&(message.len() as u64).to_le_bytes());
         out.extend_from_slice(message);
@@ -143,6 +150,12 @@ fn parse(body: &[u8]) -> Option<Saved> {
     }
     let poses = ScanPoses::read(&mut rest)?;
     let zones = ZoneList::read(&mut rest)?;
+    let mut visited = Vec::new();
+    for _ in 0..u64::from_le_bytes(take(&mut rest)?) {
+        let scan = u32::from_le_bytes(take(&mut rest)?);
+        let [x, y, z] = [(); 3].map(|()| take(&mut rest).map(f64::from_le_bytes));
+        visited.push((scan, [x?, y?, z?]));
+    }
     let (last_plan, last_path) = (message(&mut rest)?, message(&mut rest)?);
     let progress = Progress {
         planned_scans: planned_scans?,
@@ -151,6 +164,7 @@ fn parse(body: &[u8]) -> Option<Saved> {
         last_plan,
         last_path,
         ground_height_m,
+        visited,
     };
     rest.is_empty().then_some(Saved { progress, revision, places, poses, zones })
 }
@@ -209,6 +223,7 @@ mod tests {
         progress =
             Progress { planned_scans: 3, finished_scans: 2, last_scan: (7, -8, 9), ground_height_m: -1.25, ..progress };
         (progress.last_plan, progress.last_path) = (vec![1; 50], vec![2; 5]);
+        progress.visited = vec![(0, [0.1, 1.0 / 3.0, -1.0]), (2, [1e-300, 7.0, 0.0])];
         save(path, &kept, &progress).unwrap();
         (kept, progress)
     }

@@ -30,6 +30,9 @@ pub struct RecorderConfig {
     /// `scored_scan`, `view_plan`. A graph without planning leaves out `view_plan`, one with an alignment of its own
     /// `loop_closing`.
     pub acknowledge_after: Vec<String>,
+    /// Topics that are not recorded: what sensors say many times a second need not be kept where their scans are.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub leave_out: Vec<String>,
 }
 
 impl Default for RecorderConfig {
@@ -40,6 +43,7 @@ impl Default for RecorderConfig {
             foxglove: true,
             foxglove_points: 100_000,
             acknowledge_after: ACKNOWLEDGED.iter().map(|t| (*t).to_owned()).collect(),
+            leave_out: Vec::new(),
         }
     }
 }
@@ -70,6 +74,18 @@ pub enum ConfigError {
         /// Its value.
         value: Vec<String>,
     },
+    /// `leave_out` names a topic that does not exist, or one that a run cannot be understood without.
+    #[error("recorder.leave_out: {0:?} cannot be left out; only these can: {list}", list = can_be_left_out().join(", "))]
+    LeaveOut(
+        /// The topic.
+        String,
+    ),
+}
+
+/// What sensors say, and the topics whose readers may miss messages anyway.
+fn can_be_left_out() -> Vec<&'static str> {
+    let may_miss = |rules: &topics::Rules| rules.lag == topics::Lag::DropOldest || rules.publisher == "simulator";
+    topics::ALL.iter().map(|topic| topic.rules).filter(may_miss).map(|rules| rules.name).collect()
 }
 
 impl RecorderConfig {
@@ -87,7 +103,15 @@ impl RecorderConfig {
         if self.acknowledge_after.is_empty() || !self.acknowledge_after.iter().all(known) {
             return Err(ConfigError::Acknowledge { value: self.acknowledge_after.clone() });
         }
-        Ok(())
+        match self.leave_out.iter().find(|name| !can_be_left_out().contains(&name.as_str())) {
+            Some(name) => Err(ConfigError::LeaveOut(name.clone())),
+            None => Ok(()),
+        }
+    }
+
+    /// Whether messages on this topic are written down.
+    pub(crate) fn records(&self, topic: &str) -> bool {
+        self.leave_out.iter().all(|name| name != topic)
     }
 
     /// The topics of `acknowledge_after` under their static names.
@@ -123,5 +147,10 @@ mod tests {
         assert!(config.validate().unwrap_err().to_string().contains("recorder.chunk_bytes = 1"));
         let config = RecorderConfig { acknowledge_after: vec!["zones".into()], ..RecorderConfig::default() };
         assert!(config.validate().unwrap_err().to_string().contains("acknowledge_after"));
+        for name in ["scan", "smell"] {
+            let config = RecorderConfig { leave_out: vec![name.into()], ..RecorderConfig::default() };
+            let error = config.validate().unwrap_err().to_string();
+            assert!(error.contains(name) && error.contains("laser_sweep"), "{error}");
+        }
     }
 }

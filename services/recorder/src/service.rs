@@ -72,7 +72,7 @@ fn record(
     health: &mut HealthReporter,
 ) -> Result<(), RecorderError> {
     // Readers first: what is sent while an old recording is being recovered waits in their buffers.
-    let taps = open_taps(participant)?;
+    let taps = open_taps(participant, config)?;
     let ports: Vec<&dyn Wakeable> = taps.iter().map(|tap| tap.port()).collect();
     let mut recorder = Recorder::open(setup, config, &mut || health.heartbeat(participant))?;
     health.running(participant);
@@ -266,12 +266,14 @@ impl<T: Topic> Tap for Subscriber<T> {
     }
 }
 
-/// Listens to every topic, in the order of the data flow.
-fn open_taps(participant: &Participant) -> Result<Vec<Box<dyn Tap>>, PortError> {
+/// Listens to every topic that is to be recorded, in the order of the data flow.
+fn open_taps(participant: &Participant, config: &RecorderConfig) -> Result<Vec<Box<dyn Tap>>, PortError> {
     let mut taps: Vec<Box<dyn Tap>> = Vec::new();
     macro_rules! tap {
         ($topic:ty) => {
-            taps.push(Box::new(participant.subscriber::<$topic>()?));
+            if config.records(<$topic as Topic>::RULES.name) {
+                taps.push(Box::new(participant.subscriber::<$topic>()?));
+            }
         };
     }
     for_each_topic!(tap);

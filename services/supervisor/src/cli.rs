@@ -7,8 +7,8 @@ use tracing_subscriber::EnvFilter;
 
 /// From raw 3D laser scans to where the robot should look next.
 ///
-/// Without a command the built-in scene `simple` is scanned from a few poses through the whole process graph; results
-/// go to ./mirador-out/.
+/// Without a command the built-in world `simple` is scanned from a few poses through the whole process graph; results go
+/// to ./mirador-out/.
 #[derive(Debug, Parser)]
 #[command(name = "mirador", version, max_term_width = 110)]
 pub struct Cli {
@@ -72,6 +72,13 @@ impl LogFormat {
 /// What to do.
 #[derive(Debug, Subcommand)]
 pub enum Command {
+    /// Explore a simulated world: the robot decides, drives and scans until the model is complete.
+    Explore(ExploreArgs),
+    /// Scan a world from the poses that its file lists, without a robot that drives there.
+    Tour {
+        /// Name of a built-in world, or a world file [default: that of acquisition.scene].
+        world: Option<String>,
+    },
     /// Feed recorded scans through the graph: a folder or file of scans, or a run.mcap of ours.
     Replay(ReplayArgs),
     /// Launch a process graph as written in a file.
@@ -123,6 +130,9 @@ pub enum Command {
         #[arg(long)]
         fix: bool,
     },
+    /// The source's simulated experiments and every strategy over several seeds, in one process and in jumps (the kinematic
+    /// mode): tables, curves and maps in --out [default: mirador-experiment]. Interrupted, it goes on when started again.
+    Experiment(ExperimentArgs),
     /// Run another program as a child of the graph (used by the supervisor).
     #[command(hide = true)]
     ExecChild {
@@ -140,6 +150,28 @@ pub enum Command {
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
         args: Vec<String>,
     },
+}
+
+/// Arguments of `explore`.
+#[derive(Debug, Clone, Default, Args)]
+pub struct ExploreArgs {
+    /// Name of a built-in world (simple, structured, unstructured, field), or a world file [default: simple].
+    pub world: Option<String>,
+    /// Strategy that chooses the views, for example coverage_tour [default: multi_criteria].
+    #[arg(long, value_name = "NAME")]
+    pub strategy: Option<String>,
+    /// Weights of information, quality, zones and travel cost [default: 0.43,0.35,0.22,0.09].
+    #[arg(long, value_name = "A,Q,O,C", value_delimiter = ',', allow_hyphen_values = true)]
+    pub weights: Vec<f64>,
+    /// What all chance is drawn from [default: 1].
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Stop after this many scans.
+    #[arg(long, value_name = "N")]
+    pub max_scans: Option<u32>,
+    /// Let the robot's time pass at this multiple of real time, instead of as fast as the machine allows.
+    #[arg(long, value_name = "X")]
+    pub speed: Option<f64>,
 }
 
 /// Arguments of `replay`.
@@ -220,6 +252,18 @@ pub enum BenchCommand {
     Pipeline(BenchPipelineArgs),
     /// Time of a plan, and what strategies achieve in whole explorations.
     Planning(BenchPlanningArgs),
+    /// Surface, scores and map by themselves, with one thread and with two.
+    Stages {
+        /// Write the figures to this file.
+        #[arg(long, value_name = "FILE")]
+        json: Option<PathBuf>,
+        /// Worker threads, rows for each.
+        #[arg(long, value_name = "LIST", value_delimiter = ',', default_values_t = [1, 2])]
+        threads: Vec<usize>,
+        /// Runs over the tour of fifteen scans, apart from one for warming up.
+        #[arg(long, value_name = "N", default_value_t = 10)]
+        repetitions: usize,
+    },
     /// Rays a second, time of a scan and of a step of the physics in every built-in world.
     Simulator {
         /// Write the figures to this file.
@@ -299,6 +343,35 @@ pub struct BenchRegistrationArgs {
     /// Python in which the peers are installed [default: MIRADOR_PYTHON, else python3].
     #[arg(long, value_name = "PROGRAM")]
     pub python: Option<PathBuf>,
+}
+
+/// Arguments of `experiment`.
+#[derive(Debug, Clone, Args)]
+pub struct ExperimentArgs {
+    /// Worlds [default: simple,structured,unstructured].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub worlds: Vec<String>,
+    /// Experiments of the source, for example simple_ii, and strategies by name [default: all].
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    pub experiments: Vec<String>,
+    /// Runs of each [default: 10].
+    #[arg(long, value_name = "N")]
+    pub seeds: Option<u64>,
+    /// The first seed [default: 1].
+    #[arg(long, value_name = "N")]
+    pub first_seed: Option<u64>,
+    /// Scan with steps this much coarser than 0.5 deg, 1 to 10 [default: 1].
+    #[arg(long, value_name = "N")]
+    pub coarser: Option<usize>,
+    /// A run that does not end is cut off after so many scans [default: 120].
+    #[arg(long, value_name = "N")]
+    pub max_scans: Option<usize>,
+    /// d_max of the source's stop rule [m] [default: 30].
+    #[arg(long, value_name = "M")]
+    pub farthest: Option<f64>,
+    /// Runs side by side; with more than one, times are those of a busy machine.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub jobs: usize,
 }
 
 /// Sends log lines to standard error.

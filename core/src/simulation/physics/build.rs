@@ -100,7 +100,7 @@ impl Build<'_> {
             wheels.push(self.wheel(world, chassis, wheel, map_from_robot));
         }
         let angles = vec![0.0; wheels.len()];
-        Ok(RobotBodies { chassis, wheels, max_speed: robot.max_speed, angles })
+        Ok(RobotBodies { chassis, wheels, max_speed: robot.max_speed, asked: [0.0; 2], angles })
     }
 
     fn wheel(

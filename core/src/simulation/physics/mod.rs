@@ -23,6 +23,10 @@ use crate::geometry::Pose;
 
 /// A robot that leans farther than this lies on its side.
 const TIPPED_COS: f64 = 0.5;
+/// A robot whose body moves slower than this with its motors held stands [m/s, rad/s].
+const STILL: f64 = 2e-3;
+/// After standing so long a robot is parked: nothing moves until it is driven [s].
+const PARKED_AFTER_S: f64 = 0.25;
 
 /// The bodies of a world and its robots.
 pub struct Physics {
@@ -30,6 +34,8 @@ pub struct Physics {
     robots: Vec<RobotBodies>,
     config: PhysicsConfig,
     steps: u64,
+    /// Steps for which all robots have stood, up to now.
+    still: u64,
 }
 
 /// One robot's bodies.
@@ -37,6 +43,8 @@ struct RobotBodies {
     chassis: RigidBodyHandle,
     wheels: Vec<WheelBody>,
     max_speed: f64,
+    /// Speeds of the rims of the left and right wheels as last asked for [m/s].
+    asked: [f64; 2],
     /// Of each wheel about its axle since the start [rad].
     angles: Vec<f64>,
 }
@@ -81,7 +89,7 @@ impl Physics {
             let build = Build { scene, config: &config, groups: build::groups(number) };
             bodies.push(build.robot(&mut world, robot, &pose)?);
         }
-        Ok(Self { world, robots: bodies, config, steps: 0 })
+        Ok(Self { world, robots: bodies, config, steps: 0, still: 0 })
     }
 
     /// The number of robots.
@@ -99,10 +107,14 @@ impl Physics {
     /// Sets the speeds of the rims of a robot's left and right driven wheels [m/s], limited to what it can do. A robot
     /// that does not exist is nobody's.
     pub fn drive(&mut self, robot: usize, left: f64, right: f64) {
-        let Some(bodies) = self.robots.get(robot) else { return };
+        let Some(bodies) = self.robots.get_mut(robot) else { return };
+        let fastest = bodies.max_speed;
+        let asked = [left, right].map(|rim| if rim.is_finite() { rim.clamp(-fastest, fastest) } else { 0.0 });
+        if asked != bodies.asked {
+            (bodies.asked, self.still) = (asked, 0);
+        }
         for wheel in bodies.wheels.iter().filter(|w| matches!(w.kind, WheelKind::Driven | WheelKind::Steered)) {
-            let rim = if wheel.is_left { left } else { right }.clamp(-bodies.max_speed, bodies.max_speed);
-            let rim = if rim.is_finite() { rim } else { 0.0 };
+            let rim = asked[usize::from(!wheel.is_left)];
             if let Some(joint) = self.world.impulse_joints.get_mut(wheel.axle, true) {
                 let (speed, gain) = ((rim / wheel.radius) as f32, self.config.motor_gain as f32);
                 joint.data.set_motor_velocity(JointAxis::AngX, speed, gain);
@@ -113,6 +125,7 @@ impl Physics {
     /// Turns a robot's steered wheels to an angle about z [rad].
     pub fn steer(&mut self, robot: usize, angle: f64) {
         let Some(bodies) = self.robots.get(robot) else { return };
+        self.still = 0;
         for wheel in bodies.wheels.iter().filter(|wheel| wheel.kind == WheelKind::Steered) {
             if let Some(joint) = wheel.steering.and_then(|handle| self.world.impulse_joints.get_mut(handle, true)) {
                 let gain = self.config.motor_gain as f32;
@@ -123,11 +136,30 @@ impl Physics {
 
     /// Lets one step pass.
     pub fn step(&mut self) {
-        self.world.step();
         self.steps += 1;
+        if self.is_parked() {
+            return;
+        }
+        self.world.step();
         for robot in 0..self.robots.len() {
             self.turn_wheels(robot);
         }
+        let stand = (0..self.robots.len()).all(|robot| self.stands(robot));
+        self.still = if stand { self.still + 1 } else { 0 };
+    }
+
+    /// Whether all robots have stood long enough to be left alone, with their brakes on, until one is driven: what then
+    /// happens is nothing, to the last bit, and takes no time.
+    #[must_use]
+    pub fn is_parked(&self) -> bool {
+        self.still as f64 * self.config.step >= PARKED_AFTER_S
+    }
+
+    /// Whether a robot is asked to stand and does.
+    fn stands(&self, robot: usize) -> bool {
+        let Some(bodies) = self.robots.get(robot) else { return true };
+        let Some(body) = self.world.bodies.get(bodies.chassis) else { return true };
+        bodies.asked == [0.0; 2] && vector(body.linvel()).norm() < STILL && vector(body.angvel()).norm() < STILL
     }
 
     /// Adds up how far the wheels have turned.
@@ -146,6 +178,9 @@ impl Physics {
     pub fn motion(&self, robot: usize) -> Option<Motion> {
         let body = self.world.bodies.get(self.robots.get(robot)?.chassis)?;
         let pose = pose_from(body.position());
+        if self.is_parked() {
+            return Some(Motion { pose, linear: Vector3::zeros(), angular: Vector3::zeros() });
+        }
         let angular = vector(body.angvel());
         // rapier gives the velocity of the centre of mass.
         let centre = vector(body.center_of_mass());

@@ -9,6 +9,7 @@ mod noise;
 mod odometry;
 mod planar_laser;
 mod rangers;
+mod sweeps_ahead;
 #[cfg(test)]
 mod tests;
 mod turning_laser;

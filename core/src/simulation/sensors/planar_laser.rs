@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::noise::Noise;
 use crate::geometry::Pose;
-use crate::simulation::compiled_scene::{CompiledScene, Hit};
+use crate::simulation::compiled_scene::{CompiledScene, Hit, Viewpoint};
 
 /// One beam.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +26,8 @@ pub struct PlanarLaser {
     noise: Noise,
     rotated: Vec<Vector3<f64>>,
     hits: Vec<Option<Hit>>,
+    /// What the hits were cast from.
+    cast_from: Option<Viewpoint>,
 }
 
 impl PlanarLaser {
@@ -40,7 +42,7 @@ impl PlanarLaser {
         };
         let directions: Vec<_> = (0..count).map(direction).collect();
         let (rotated, hits) = (directions.clone(), vec![None; count]);
-        Self { directions, range_max, sigma, noise, rotated, hits }
+        Self { directions, range_max, sigma, noise, rotated, hits, cast_from: None }
     }
 
     /// The number of beams.
@@ -51,12 +53,10 @@ impl PlanarLaser {
 
     /// One sweep from `map_from_sensor`, appended to `out`.
     pub fn sweep(&mut self, scene: &CompiledScene, map_from_sensor: &Pose, out: &mut Vec<LaserBeam>) {
-        let rotation = map_from_sensor.rotation.to_rotation_matrix();
-        for (rotated, direction) in self.rotated.iter_mut().zip(&self.directions) {
-            *rotated = rotation * direction;
+        // A robot that stands sees what it has seen.
+        if self.cast_from != Some(scene.viewpoint(map_from_sensor)) {
+            self.cast(scene, map_from_sensor);
         }
-        let origin = Point3::from(map_from_sensor.translation.vector);
-        scene.cast_all(&origin, &self.rotated, self.range_max, &mut self.hits);
         let last = (self.hits.len().max(2) - 1) as f64;
         for (beam, hit) in self.hits.iter().enumerate() {
             let error = self.noise.normal(self.sigma);
@@ -64,5 +64,14 @@ impl PlanarLaser {
             let time = (65535.0 * beam as f64 / last).round() as u16;
             out.push(LaserBeam { range, intensity: 0, time });
         }
+    }
+    fn cast(&mut self, scene: &CompiledScene, map_from_sensor: &Pose) {
+        let rotation = map_from_sensor.rotation.to_rotation_matrix();
+        for (rotated, direction) in self.rotated.iter_mut().zip(&self.directions) {
+            *rotated = rotation * direction;
+        }
+        let origin = Point3::from(map_from_sensor.translation.vector);
+        scene.cast_all(&origin, &self.rotated, self.range_max, &mut self.hits);
+        self.cast_from = Some(scene.viewpoint(map_from_sensor));
     }
 }

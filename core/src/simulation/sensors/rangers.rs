@@ -5,7 +5,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 use super::config::RangerConfig;
 use super::noise::Noise;
 use crate::geometry::Pose;
-use crate::simulation::compiled_scene::CompiledScene;
+use crate::simulation::compiled_scene::{CompiledScene, Viewpoint};
 
 /// Rays of a cone: its axis and two rings.
 const RINGS: [(usize, f64); 2] = [(6, 0.5), (12, 0.95)];
@@ -39,6 +39,9 @@ pub struct Rangers {
     config: RangerConfig,
     noise: Noise,
     mounts: Vec<RangerMount>,
+    /// What each hears, and where the robot was.
+    heard: Vec<Option<f64>>,
+    heard_from: Option<Viewpoint>,
 }
 
 impl Rangers {
@@ -55,7 +58,7 @@ impl Rangers {
                 mounts.push(RangerMount { position, yaw_pitch: [yaw, config.tilt_deg.to_radians()] });
             }
         }
-        Self { config, noise, mounts }
+        Self { config, noise, mounts, heard: Vec::new(), heard_from: None }
     }
 
     /// Where they are.
@@ -66,10 +69,14 @@ impl Rangers {
 
     /// A reading of each.
     pub fn read(&mut self, time: f64, map_from_robot: &Pose, scene: &CompiledScene, out: &mut Vec<RangerReading>) {
-        for sensor in 0..self.mounts.len() {
-            let mount = self.mounts[sensor];
+        // A robot that stands hears what it has heard.
+        let viewpoint = scene.viewpoint(map_from_robot);
+        if self.heard_from != Some(viewpoint) {
+            let listen = |mount| nearest_in_cone(scene, map_from_robot, mount, &self.config);
+            (self.heard, self.heard_from) = (self.mounts.iter().map(listen).collect(), Some(viewpoint));
+        }
+        for (sensor, heard) in self.heard.iter().enumerate() {
             let error = self.noise.normal(self.config.sigma);
-            let heard = nearest_in_cone(scene, map_from_robot, &mount, &self.config);
             let range = heard.map_or(f64::NAN, |range| (range + error).max(self.config.range[0]));
             out.push(RangerReading { time, sensor, range });
         }

@@ -1,13 +1,13 @@
 //! The laser on the turning head, as it speaks: sweeps of beams with their own times, and encoder ticks in between
 //! (section 1). The scan is put together by whoever listens.
 
-use nalgebra::{Point3, UnitQuaternion, Vector3};
 use thiserror::Error;
 
 use super::noise::Noise;
 use super::planar_laser::LaserBeam;
+use super::sweeps_ahead::SweepsAhead;
 use crate::geometry::Pose;
-use crate::simulation::compiled_scene::{CompiledScene, Hit};
+use crate::simulation::compiled_scene::CompiledScene;
 use crate::simulation::scanner_config::{ScannerConfig, ScannerConfigError};
 
 /// Sweeps a second [Hz].
@@ -81,8 +81,7 @@ pub struct TurningLaser {
     start: f64,
     sweeps: u32,
     ticks: u32,
-    directions: Vec<Vector3<f64>>,
-    hits: Vec<Option<Hit>>,
+    ahead: SweepsAhead,
 }
 
 impl TurningLaser {
@@ -96,16 +95,21 @@ impl TurningLaser {
         if turn_deg.to_radians() / (sweeps as f64 / SWEEP_RATE) > FASTEST {
             return Err(TurningLaserError::TooFast { turn_deg, sweeps });
         }
-        let (directions, hits) = (vec![Vector3::zeros(); config.beams], vec![None; config.beams]);
-        let done = config.sweeps as u32;
-        let mut laser = Self { config, noise, start: 0.0, sweeps: done, ticks: 0, directions, hits };
+        let (done, ahead) = (config.sweeps as u32, SweepsAhead::new(&config));
+        let mut laser = Self { config, noise, start: 0.0, sweeps: done, ticks: 0, ahead };
         laser.ticks = laser.last_tick() + 1;
         Ok(laser)
+    }
+
+    /// Casts on this many threads; the bits do not depend on it.
+    pub fn set_threads(&mut self, threads: usize) {
+        self.ahead.set_threads(threads);
     }
 
     /// Begins a scan at a simulated time [s].
     pub fn start(&mut self, time: f64) {
         (self.start, self.sweeps, self.ticks) = (time, 0, 0);
+        self.ahead.forget();
     }
 
     /// Whether a scan is under way.
@@ -125,13 +129,6 @@ impl TurningLaser {
         (self.duration() / TICK_S - 1e-6).ceil() as u32
     }
 
-    /// The true angle of the head since home [rad] and its speed [rad/s], some time after the scan began [s].
-    fn head(&self, after: f64) -> (f64, f64) {
-        let speed = self.config.turn_deg.to_radians() / self.duration();
-        let phase = RIPPLES * speed * after;
-        (speed * after + RIPPLE / RIPPLES * (1.0 - phase.cos()), speed * (1.0 + RIPPLE * phase.sin()))
-    }
-
     /// Everything that is due at `time` or before: encoder ticks, and the sweeps whose last beam has been fired. The
     /// robot is taken to stand at `map_from_scanner` meanwhile.
     pub fn advance(
@@ -147,7 +144,7 @@ impl TurningLaser {
             if self.start + after > time + 1e-9 {
                 break;
             }
-            let (angle, velocity) = self.head(after);
+            let (angle, velocity) = head(self.config.turn_deg.to_radians(), self.duration(), after);
             let angle = (angle / COUNT_RAD).floor() * COUNT_RAD;
             let is_home = angle < HOME_RAD;
             ticks.push(EncoderTick { time: self.start + after, angle, velocity, is_home, reading: self.ticks });
@@ -172,28 +169,33 @@ impl TurningLaser {
     fn sweep(&mut self, begins: f64, scene: &CompiledScene, map_from_scanner: &Pose) -> LaserSweep {
         let (first, step) = (self.config.first_beam_deg.to_radians(), self.config.beam_step_deg.to_radians());
         let (duration, last) = (self.sweep_duration(), (self.config.beams.max(2) - 1) as f64);
-        let home = self.config.first_sweep_deg.to_radians();
-        for beam in 0..self.config.beams {
-            let (head, _) = self.head(begins + duration * beam as f64 / last);
-            let turn = map_from_scanner.rotation * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), home + head);
-            let (sin, cos) = (first + step * beam as f64).sin_cos();
-            self.directions[beam] = turn * Vector3::new(cos, 0.0, sin);
-        }
-        let origin = Point3::from(map_from_scanner.translation.vector);
-        scene.cast_all(&origin, &self.directions, self.config.range_max_m, &mut self.hits);
-        let mut beams = Vec::with_capacity(self.config.beams);
-        for beam in 0..self.config.beams {
-            let error = self.noise.normal(self.config.noise_m);
-            let (lost, luck) = (self.noise.uniform() < self.config.dropout, self.noise.uniform());
-            let strength = self.hits[beam].and_then(|hit| self.config.strength(scene, &hit, &self.directions[beam]));
-            let is_seen = !lost && strength.is_none_or(|strength| strength - 0.5 > luck);
-            let range = self.hits[beam].map(|hit| hit.range + error).filter(|_| is_seen);
-            let range = range.filter(|range| (self.config.range_min_m..=self.config.range_max_m).contains(range));
-            let intensity = strength.filter(|_| range.is_some()).map_or(0, ScannerConfig::intensity);
+        let config = &self.config;
+        let total = self.duration();
+        let azimuth = |sweep: u32, beam: usize| {
+            let after = f64::from(sweep) / SWEEP_RATE + duration * beam as f64 / last;
+            config.first_sweep_deg.to_radians() + head(config.turn_deg.to_radians(), total, after).0
+        };
+        let echoes = self.ahead.sweep(self.sweeps, config, scene, map_from_scanner, azimuth);
+        let mut beams = Vec::with_capacity(config.beams);
+        for (beam, echo) in echoes.enumerate() {
+            let error = self.noise.normal(config.noise_m);
+            let (lost, luck) = (self.noise.uniform() < config.dropout, self.noise.uniform());
+            let is_seen = !lost && echo.strength.is_none_or(|strength| strength - 0.5 > luck);
+            let range = echo.range.map(|range| range + error).filter(|_| is_seen);
+            let range = range.filter(|range| (config.range_min_m..=config.range_max_m).contains(range));
+            let intensity = echo.strength.filter(|_| range.is_some()).map_or(0, ScannerConfig::intensity);
             let time = (65535.0 * beam as f64 / last).round() as u16;
             beams.push(LaserBeam { range: range.map_or(f32::NAN, |range| range as f32), intensity, time });
         }
         let time = self.start + begins;
         LaserSweep { time, duration, first_angle: first, angle_step: step, sweep: self.sweeps, beams }
     }
+}
+
+/// The true angle of the head since home [rad] and its speed [rad/s], some time after a scan began [s] in which it turns
+/// by `turn` [rad] in `duration` [s].
+fn head(turn: f64, duration: f64, after: f64) -> (f64, f64) {
+    let speed = turn / duration;
+    let (sin, cos) = (RIPPLES * speed * after).sin_cos();
+    (speed * after + RIPPLE / RIPPLES * (1.0 - cos), speed * (1.0 + RIPPLE * sin))
 }

@@ -160,6 +160,7 @@ pub fn open_source(config: &AcquisitionConfig, threads: usize) -> Result<Box<dyn
             Ok(Box::new(capture::CaptureSource::open(config)?))
         }
         SourceKind::Replay => Ok(Box::new(files::FileSource::open(config)?)),
+        SourceKind::Robot => Err(SourceError::Scene("scans of a robot are not known before they are taken".into())),
     }
 }
 

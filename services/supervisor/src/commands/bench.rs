@@ -9,6 +9,7 @@ use mirador_bench::ipc::{self, IpcOptions};
 use mirador_bench::planning::{self, PlanningBenchError, PlanningCase, PlanningOptions};
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
 use mirador_bench::simulator::{self, SimulatorBenchError};
+use mirador_bench::stages::{self, StagesBenchError, StagesOptions};
 use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
@@ -61,6 +62,17 @@ pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Regist
 /// A scene through the whole graph.
 pub fn pipeline(common: &Common, args: &BenchPipelineArgs, registry: &Registry) -> Result<u8> {
     keep(&bench_pipeline::measure(common, args, registry)?, args.json.as_deref())?;
+    Ok(EXIT_DONE)
+}
+
+/// The stages by themselves.
+pub fn stages(json: Option<&Path>, threads: &[usize], repetitions: usize) -> Result<u8> {
+    let options = StagesOptions { threads: threads.to_vec(), repetitions };
+    let report = stages::run(&options).map_err(|error| match error {
+        StagesBenchError::Nothing { .. } => anyhow::Error::new(UsageError(error.to_string())),
+        other => other.into(),
+    })?;
+    keep(&report, json)?;
     Ok(EXIT_DONE)
 }
 

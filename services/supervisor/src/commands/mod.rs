@@ -3,14 +3,17 @@
 mod bench;
 mod bench_pipeline;
 mod convert;
-mod demo;
 mod doctor;
+mod experiment;
+mod explore;
 mod find;
 mod replan;
 mod replay;
+mod robot_world;
 mod service;
 mod session;
 mod top;
+mod tour;
 mod up;
 
 use std::io::Write;
@@ -25,7 +28,9 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
     let common = &cli.common;
     supervise::pin_to(&common.cores)?;
     match cli.command {
-        None => demo::demo(common, &registry),
+        None => tour::tour(common, None, &registry),
+        Some(Command::Explore(args)) => explore::explore(common, &args, &registry),
+        Some(Command::Tour { world }) => tour::tour(common, world, &registry),
         Some(Command::Replay(args)) => replay::replay(common, &args, &registry),
         Some(Command::Up { graph }) => up::up(common, &graph, &registry),
         Some(Command::Run(args)) => service::run_service(common, &args, &registry),
@@ -33,6 +38,9 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Replan(args)) => replan::replan(common, &args),
         Some(Command::Bench { what: BenchCommand::Ipc { json, messages, pace_ms } }) => {
             bench::ipc(json.as_deref(), messages, pace_ms)
+        }
+        Some(Command::Bench { what: BenchCommand::Stages { json, threads, repetitions } }) => {
+            bench::stages(json.as_deref(), &threads, repetitions)
         }
         Some(Command::Bench { what: BenchCommand::Simulator { json, repetitions } }) => {
             bench::simulator(json.as_deref(), repetitions, common.quiet)
@@ -53,6 +61,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
             convert::convert(&input, &output, grid.as_deref(), common.quiet)
         }
         Some(Command::Doctor { fix }) => doctor::doctor(common, fix),
+        Some(Command::Experiment(args)) => experiment::experiment(common, &args),
         Some(Command::ExecChild { parent, command }) => {
             supervise::exec_child(parent, &command)?;
             Ok(EXIT_DONE)

@@ -66,6 +66,9 @@ fn load_recorded(common: &Common, args: &ReplayArgs, registry: &Registry) -> Res
         load_graph(common, None, registry)?
     };
     (graph.acquisition.poses, graph.acquisition.grid) = (None, None);
+    // Whoever took the scans then is not asked again.
+    let services = &mut graph.services;
+    (services.simulator, services.localization, services.navigation) = (None, None, None);
     Ok(graph)
 }
 

@@ -40,6 +40,10 @@ pub fn run_service(common: &Common, args: &RunArgs, registry: &Registry) -> Resu
         stop,
     };
     let result = match args.service.as_str() {
+        "simulator" => mirador_simulator::run(&setup, &graph.simulator),
+        "laser_driver" => mirador_laser_driver::run(&setup, &graph.laser_driver),
+        "localization" => mirador_localization::run(&setup, &graph.localization),
+        "navigation" => mirador_navigation::run(&setup, &graph.navigation),
         "acquisition" => mirador_acquisition::run(&setup, &graph.acquisition),
         "alignment" => mirador_alignment::run(&setup, &graph.alignment, registry),
         "analysis" => mirador_analysis::run(&setup, &graph.analysis),

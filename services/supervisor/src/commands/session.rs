@@ -13,6 +13,7 @@ use mirador_core::view_planning::WorkArea;
 use mirador_ipc_schema::StopSignal;
 use mirador_recorder::{RUN_FILE, RunReader};
 
+use super::robot_world;
 use crate::cli::Common;
 use crate::graph::{self, Graph};
 use crate::output_dir::{self, MARK};
@@ -22,13 +23,22 @@ use crate::{EXIT_DONE, EXIT_FAILED, EXIT_INTERRUPTED, Registry, UsageError};
 
 /// Loads the graph of a command: the named file, else `--config`, else the standard one; then the overrides.
 pub fn load_graph(common: &Common, file: Option<&Path>, registry: &Registry) -> Result<Graph> {
+    load(common, file, graph::STANDARD, registry)
+}
+
+/// Loads the graph of a command that has one of its own, unless `--config` names another; then the overrides.
+pub fn load_graph_or(common: &Common, own: &str, registry: &Registry) -> Result<Graph> {
+    load(common, None, own, registry)
+}
+
+fn load(common: &Common, file: Option<&Path>, built_in: &str, registry: &Registry) -> Result<Graph> {
     let mut settings = common.set.clone();
     if let Some(domain) = &common.domain {
         settings.push(format!("graph.domain=\"{domain}\""));
     }
     let loaded = match file.or(common.config.as_deref()) {
         Some(path) => graph::load(path, &settings, registry),
-        None => graph::load_text(graph::STANDARD, "the built-in graph", &settings, registry),
+        None => graph::load_text(built_in, "the built-in graph", &settings, registry),
     };
     loaded.map_err(|e| UsageError(e.to_string()).into())
 }
@@ -48,9 +58,11 @@ pub struct Session<'a> {
 }
 
 /// What is known before the first scan.
+#[derive(Default)]
 struct Known {
     truth: Option<BTreeMap<u32, Pose>>,
     truth_cells: Option<Vec<[f64; 2]>>,
+    robot_from_scanner: Option<Pose>,
 }
 
 impl Session<'_> {
@@ -97,21 +109,14 @@ impl Session<'_> {
             let message = "the graph runs nothing: write a table for every service, for example [services.acquisition]";
             return Err(usage(&message).into());
         }
-        self.fill_in_from_scene()?;
-        let config = &self.graph.acquisition;
-        let source = open_source(config, 1).map_err(|e| usage(&e))?;
-        let (scans, largest) = (source.scans(), source.largest_scan());
-        if self.graph.graph.max_points == 0 {
-            self.graph.graph.max_points = largest;
-        }
-        check_slots(largest, self.graph.graph.max_points)?;
-        let known = match (&self.truth, config.source) {
-            (Some(file), _) => Known { truth: Some(truth_from(file, scans, config)?), truth_cells: None },
-            (None, SourceKind::Scene) => truth_of_scene(config).map_err(|e| usage(&e))?,
-            (None, SourceKind::Replay) => Known { truth: None, truth_cells: None },
+        let known = match self.graph.acquisition.source {
+            SourceKind::Robot => self.prepare_robot()?,
+            SourceKind::Scene | SourceKind::Replay => self.prepare_source()?,
         };
         let services = self.graph.services.entries();
-        let names = services.iter().map(|(name, _)| *name).filter(|name| *name != "acquisition");
+        // The robot's own services go by its time, not by scans.
+        let by_scan = |name: &&str| !["simulator", "acquisition", "localization", "navigation"].contains(name);
+        let names = services.iter().map(|(name, _)| *name).filter(by_scan);
         self.graph.acquisition.lockstep_with = names.map(str::to_owned).collect();
         if self.graph.graph.lockstep && self.graph.acquisition.speed > 0.0 {
             return Err(
@@ -132,8 +137,53 @@ impl Session<'_> {
             // An alignment of the user's own need not close loops, and if it does, need not tell.
             self.graph.recorder.acknowledge_after.retain(|topic| topic != "loop_closing");
             self.graph.planning.corrections.awaited = false;
+            self.graph.navigation.await_corrections = false;
         }
         Ok(known)
+    }
+
+    /// A source that knows its scans before the first one.
+    fn prepare_source(&mut self) -> Result<Known> {
+        let usage = |e: &dyn std::fmt::Display| UsageError(e.to_string());
+        self.fill_in_from_scene()?;
+        let config = &self.graph.acquisition;
+        let source = open_source(config, 1).map_err(|e| usage(&e))?;
+        let (scans, largest) = (source.scans(), source.largest_scan());
+        self.size_slots(largest)?;
+        let config = &self.graph.acquisition;
+        match (&self.truth, config.source) {
+            (Some(file), _) => Ok(Known { truth: Some(truth_from(file, scans, config)?), ..Known::default() }),
+            (None, SourceKind::Scene) => truth_of_scene(config).map_err(|e| usage(&e).into()),
+            (None, _) => Ok(Known::default()),
+        }
+    }
+
+    /// A robot takes scans as it goes. Of a simulated one the world is known.
+    fn prepare_robot(&mut self) -> Result<Known> {
+        if self.graph.services.simulator.is_none() {
+            let scanner = &self.graph.acquisition.scanner;
+            self.size_slots(scanner.beams * scanner.sweeps)?;
+            return Ok(Known::default());
+        }
+        if !self.graph.graph.lockstep && self.graph.simulator.speed == 0.0 {
+            self.graph.simulator.speed = 1.0;
+        }
+        self.graph.navigation.is_lockstep = self.graph.graph.lockstep;
+        let awaited = ["acquisition", "localization", "navigation"];
+        let services = self.graph.services.entries();
+        let others = services.iter().map(|(name, _)| *name).filter(|name| awaited.contains(name));
+        self.graph.simulator.lockstep_with = others.map(str::to_owned).collect();
+        let world = robot_world::fill_in(&mut self.graph)?;
+        self.size_slots(world.scan_cells)?;
+        let robot_from_scanner = Some(world.robot_from_scanner);
+        Ok(Known { truth: None, truth_cells: Some(world.reachable), robot_from_scanner })
+    }
+
+    fn size_slots(&mut self, largest_scan: usize) -> Result<()> {
+        if self.graph.graph.max_points == 0 {
+            self.graph.graph.max_points = largest_scan;
+        }
+        check_slots(largest_scan, self.graph.graph.max_points)
     }
 
     /// In a scene the scanner's mount and the work area are known.
@@ -181,6 +231,7 @@ impl Session<'_> {
             title: self.title.clone(),
             truth: known.truth,
             truth_cells: known.truth_cells,
+            robot_from_scanner: known.robot_from_scanner,
             restarts: outcome.restarts,
             services: outcome.services.clone(),
             interrupted: outcome.ended == Ended::Interrupted,
@@ -237,7 +288,7 @@ fn truth_of_scene(config: &AcquisitionConfig) -> Result<Known> {
     let cells = reachable_cells(&scene, &ReachConfig::default(), &start)?;
     let indices = cells.reachable.iter().enumerate().filter(|(_, reachable)| **reachable);
     let truth_cells = Some(indices.map(|(index, _)| cells.centre(index)).collect());
-    Ok(Known { truth: Some((0..).zip(poses).collect()), truth_cells })
+    Ok(Known { truth: Some((0..).zip(poses).collect()), truth_cells, robot_from_scanner: None })
 }
 
 fn print_summary(summary: &Summary, run_dir: &Path, outcome: &RunOutcome) {

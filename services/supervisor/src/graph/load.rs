@@ -143,7 +143,11 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
     if let Err(error) = graph.alignment.check(registry) {
         return fail("alignment.registration", error.to_string());
     }
-    let checks: [(&str, Result<(), String>); 5] = [
+    let checks: [(&str, Result<(), String>); 9] = [
+        ("simulator", graph.simulator.validate().map_err(|e| e.to_string())),
+        ("laser_driver", graph.laser_driver.validate().map_err(|e| e.to_string())),
+        ("localization", graph.localization.validate().map_err(|e| e.to_string())),
+        ("navigation", graph.navigation.validate().map_err(|e| e.to_string())),
         ("acquisition", graph.acquisition.validate().map_err(|e| e.to_string())),
         ("alignment", graph.alignment.validate().map_err(|e| e.to_string())),
         ("analysis", graph.analysis.validate().map_err(|e| e.to_string())),
@@ -195,6 +199,8 @@ mod tests {
     fn the_standard_graph_is_valid() {
         let graph = load_text(super::super::STANDARD, "standard", &[], &Registry::default()).unwrap();
         assert_eq!(graph.services.entries().len(), 5);
+        let graph = load_text(super::super::EXPLORATION, "exploration", &[], &Registry::default()).unwrap();
+        assert_eq!(graph.services.entries().len(), 8);
     }
 
     #[test]

@@ -9,3 +9,5 @@ pub use tables::{Graph, GraphTable, RestartPolicy, SERVICES, ServiceEntry, Servi
 
 /// The graph of `mirador replay` and of the demonstration.
 pub const STANDARD: &str = include_str!("../../graphs/replay.toml");
+/// The graph of `mirador explore`.
+pub const EXPLORATION: &str = include_str!("../../graphs/explore.toml");

@@ -6,12 +6,26 @@ use mirador_acquisition::AcquisitionConfig;
 use mirador_alignment::AlignmentConfig;
 use mirador_analysis::AnalysisConfig;
 use mirador_ipc_schema::Wake;
+use mirador_laser_driver::LaserDriverConfig;
+use mirador_localization::LocalizationConfig;
+use mirador_navigation::NavigationConfig;
 use mirador_planning::PlanningServiceConfig;
 use mirador_recorder::RecorderConfig;
+use mirador_simulator::SimulatorConfig;
 use serde::{Deserialize, Serialize};
 
 /// The services of mirador, in the order of the data flow.
-pub const SERVICES: [&str; 5] = ["acquisition", "alignment", "analysis", "planning", "recorder"];
+pub const SERVICES: [&str; 9] = [
+    "simulator",
+    "laser_driver",
+    "acquisition",
+    "localization",
+    "alignment",
+    "analysis",
+    "planning",
+    "navigation",
+    "recorder",
+];
 
 /// A whole graph file.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -28,9 +42,18 @@ pub struct Graph {
     /// Other programs that are started, watched and stopped with the graph.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub programs: BTreeMap<String, ServiceEntry>,
+    /// The simulated robot and its world.
+    #[serde(default)]
+    pub simulator: SimulatorConfig,
+    /// The laser that is spoken to.
+    #[serde(default)]
+    pub laser_driver: LaserDriverConfig,
     /// Where scans come from.
     #[serde(default)]
     pub acquisition: AcquisitionConfig,
+    /// Where the robot is.
+    #[serde(default)]
+    pub localization: LocalizationConfig,
     /// How they are aligned.
     #[serde(default)]
     pub alignment: AlignmentConfig,
@@ -40,6 +63,9 @@ pub struct Graph {
     /// How the map is kept and the next view chosen.
     #[serde(default)]
     pub planning: PlanningServiceConfig,
+    /// How the robot follows its path.
+    #[serde(default)]
+    pub navigation: NavigationConfig,
     /// What is recorded.
     #[serde(default)]
     pub recorder: RecorderConfig,
@@ -88,10 +114,19 @@ impl From<WakeWord> for Wake {
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ServiceTables {
+    /// Is the robot and its world.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub simulator: Option<ServiceEntry>,
+    /// Speaks to a laser.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub laser_driver: Option<ServiceEntry>,
     /// Delivers scans.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub acquisition: Option<ServiceEntry>,
-    /// Finds their poses.
+    /// Knows where the robot is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub localization: Option<ServiceEntry>,
+    /// Finds the poses of scans.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub alignment: Option<ServiceEntry>,
     /// Scores their points.
@@ -100,6 +135,9 @@ pub struct ServiceTables {
     /// Keeps the map and chooses the next view.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub planning: Option<ServiceEntry>,
+    /// Drives the robot to the next view.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub navigation: Option<ServiceEntry>,
     /// Writes everything down.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recorder: Option<ServiceEntry>,
@@ -109,11 +147,18 @@ impl ServiceTables {
     /// The services that run, in the order of the data flow.
     #[must_use]
     pub fn entries(&self) -> Vec<(&'static str, &ServiceEntry)> {
-        [&self.acquisition, &self.alignment, &self.analysis, &self.planning, &self.recorder]
-            .into_iter()
-            .zip(SERVICES)
-            .filter_map(|(entry, name)| entry.as_ref().map(|e| (name, e)))
-            .collect()
+        let entries = [
+            &self.simulator,
+            &self.laser_driver,
+            &self.acquisition,
+            &self.localization,
+            &self.alignment,
+            &self.analysis,
+            &self.planning,
+            &self.navigation,
+            &self.recorder,
+        ];
+        entries.into_iter().zip(SERVICES).filter_map(|(entry, name)| entry.as_ref().map(|e| (name, e))).collect()
     }
 }
 

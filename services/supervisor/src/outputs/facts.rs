@@ -6,6 +6,8 @@ use std::time::Duration;
 use mirador_core::geometry::Pose;
 use serde::Serialize;
 
+use super::run_data::RunData;
+
 /// What one service did in a run, added up over its restarts.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 pub struct ServiceTotals {
@@ -37,6 +39,9 @@ pub struct RunFacts {
     /// True poses `world_from_scanner`, under the scan's `source_index` (its place in the folder or scene); `None`
     /// when there is no truth.
     pub truth: Option<BTreeMap<u32, Pose>>,
+    /// Where the scanner sits on a robot that drove, `robot_from_scanner`; with it the true poses of the scans are read
+    /// from the recording. `None` where no robot drove.
+    pub robot_from_scanner: Option<Pose>,
     /// Centres of the cells that the robot can reach, in the frame of the true poses (the map's own without them) [m];
     /// `None` when unknown.
     pub truth_cells: Option<Vec<[f64; 2]>>,
@@ -52,4 +57,12 @@ pub struct RunFacts {
     pub wall_time: Duration,
     /// The configuration as used, TOML.
     pub config: String,
+}
+
+impl RunFacts {
+    /// The same with the true poses that a simulated robot has recorded.
+    pub(super) fn with_truth_of(&self, data: &RunData) -> Self {
+        let recorded = || data.drive.truth_of(&data.scans, self.robot_from_scanner.as_ref()?);
+        Self { truth: self.truth.clone().or_else(recorded), ..self.clone() }
+    }
 }

@@ -146,7 +146,8 @@ fn draw_trajectory(canvas: &mut Canvas, data: &RunData, window: &Window, (left, 
     };
     let aligned = data.scans.iter().filter(|s| s.is_aligned()).filter_map(|s| s.pose());
     let places: Vec<_> = aligned.map(|p| place(p.translation.x, p.translation.y)).collect();
-    for leg in places.windows(2) {
+    let driven: Vec<_> = data.drive.track.iter().map(|p| place(p[0], p[1])).collect();
+    for leg in if driven.is_empty() { &places } else { &driven }.windows(2) {
         canvas.line(leg[0], leg[1], 1.0, TRAJECTORY);
     }
     for (k, at) in places.iter().enumerate() {

@@ -2,11 +2,13 @@
 //! `run.mcap` and what the supervisor knows beside it.
 
 mod canvas;
+mod drive;
 mod facts;
 mod latency;
 mod map_image;
 mod model;
 mod plots;
+mod progress_plot;
 mod report;
 mod run_data;
 mod summary;
@@ -23,6 +25,7 @@ use std::path::{Path, PathBuf};
 use mirador_core::formats::WriteError;
 use mirador_recorder::{RUN_FILE, ReadError, RunReader};
 
+pub use drive::{Drive, GivenUp};
 pub use facts::{RunFacts, ServiceTotals};
 pub use latency::{Quantiles, STAGES, Stage};
 pub use run_data::{FinalMap, RunData, ScanRecord, SourceEnd};
@@ -63,6 +66,7 @@ pub enum OutputError {
 pub fn write_all(run_dir: &Path, facts: &RunFacts) -> Result<Summary, OutputError> {
     let mut reader = RunReader::open(&run_dir.join(RUN_FILE))?;
     let data = RunData::read(&mut reader)?;
+    let facts = &facts.with_truth_of(&data);
     let summary = Summary::of(&data, facts);
     // A summary of numbers and texts always has a JSON form; a writer in memory cannot fail either.
     let json = serde_json::to_vec_pretty(&summary)

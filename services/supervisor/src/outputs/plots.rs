@@ -66,7 +66,8 @@ pub(super) fn top_view(data: &RunData) -> Result<String, OutputError> {
     let aligned: Vec<_> =
         data.scans.iter().filter(|s| s.is_aligned()).filter_map(|s| Some((s.number(), place(s.pose()?)))).collect();
     let unaligned: Vec<_> = data.scans.iter().filter(|s| !s.is_aligned()).filter_map(|s| s.pose()).map(place).collect();
-    let all = || aligned.iter().map(|(_, p)| *p).chain(unaligned.iter().copied());
+    let driven: Vec<_> = data.drive.track.iter().map(|p| (p[0], p[1])).collect();
+    let all = || aligned.iter().map(|(_, p)| *p).chain(unaligned.iter().copied()).chain(driven.iter().copied());
     let range = |of: fn((f64, f64)) -> f64| {
         let (low, high) = (all().map(of).reduce(f64::min), all().map(of).reduce(f64::max));
         (low.unwrap_or(0.0), high.unwrap_or(0.0))
@@ -92,7 +93,8 @@ pub(super) fn top_view(data: &RunData) -> Result<String, OutputError> {
             .y_desc("y [m]")
             .draw()
             .map_err(|e| failure(&e))?;
-        let line = LineSeries::new(aligned.iter().map(|(_, p)| *p), TRAJECTORY.stroke_width(2));
+        let legs: Vec<_> = if driven.is_empty() { aligned.iter().map(|(_, p)| *p).collect() } else { driven };
+        let line = LineSeries::new(legs, TRAJECTORY.stroke_width(2));
         chart.draw_series(line).map_err(|e| failure(&e))?;
         let scans = aligned.iter().map(|(n, p)| {
             EmptyElement::at(*p)

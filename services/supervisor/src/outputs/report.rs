@@ -9,7 +9,7 @@ use super::facts::RunFacts;
 use super::latency::STAGES;
 use super::run_data::{RunData, ScanRecord};
 use super::summary::Summary;
-use super::{OutputError, plots};
+use super::{OutputError, plots, progress_plot};
 
 const STYLE: &str = "\
 body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:960px;margin:2em auto;padding:0 1em}\
@@ -28,6 +28,7 @@ pub(super) fn render(
     map_png: &[u8],
 ) -> Result<String, OutputError> {
     let map = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(map_png));
+    let curves = progress_plot::curves(data)?;
     let (latency_plot, top_view) = (plots::latency(data)?, plots::top_view(data)?);
     let page = html! {
         (DOCTYPE)
@@ -47,6 +48,10 @@ pub(super) fn render(
                 p.note { "Grey is unknown. Blue: where scans were taken. Purple: candidates of the last plan, magenta the chosen one." }
                 h2 { "Trajectory" }
                 (PreEscaped(top_view))
+                @if let Some(curves) = &curves {
+                    h2 { "Progress" }
+                    (PreEscaped(curves))
+                }
                 h2 { "Latency" }
                 (latency_table(summary))
                 (PreEscaped(latency_plot))
@@ -84,7 +89,7 @@ fn figures(summary: &Summary) -> Markup {
     let mut rows = vec![
         ("Scans", format!("{} ({} aligned, {} not)", summary.scans, summary.aligned, summary.unaligned)),
         ("Points", grouped(summary.points)),
-        ("Distance", format!("{:.2} m", summary.distance_m)),
+        ("Distance", distance(summary)),
         ("Coverage", share(summary.coverage)),
         ("Mean quality", share(summary.quality)),
     ];
@@ -98,7 +103,25 @@ fn figures(summary: &Summary) -> Markup {
     rows.push(("Duration", format!("{:.1} s", summary.wall_time_s)));
     rows.push(("Restarts, messages lost", format!("{}, {}", summary.restarts, summary.lost_messages)));
     rows.push(("Payload bytes copied", grouped(summary.copied_payload_bytes)));
+    if summary.mission_s.is_some() {
+        rows.push((
+            "Targets given up",
+            if summary.given_up.is_empty() { "none".into() } else { summary.given_up.join("; ") },
+        ));
+    }
     html! { table { @for (name, value) in &rows { tr { th.t { (name) } td.t { (value) } } } } }
+}
+
+fn distance(summary: &Summary) -> String {
+    match summary.mission_s {
+        Some(seconds) => format!(
+            "{:.2} m driven in {:.0} min {:02.0} s",
+            summary.distance_m,
+            (seconds / 60.0).floor(),
+            seconds % 60.0
+        ),
+        None => format!("{:.2} m", summary.distance_m),
+    }
 }
 
 fn latency_table(summary: &Summary) -> Markup {

@@ -11,6 +11,8 @@ use mirador_ipc_schema::messages::{
 use mirador_ipc_schema::{text, topics};
 use mirador_recorder::{ReadError, RunReader};
 
+use super::drive::Drive;
+
 /// Everything that was said about one scan, without its points.
 #[derive(Debug, Clone, Default)]
 pub struct ScanRecord {
@@ -162,8 +164,12 @@ pub struct RunData {
     pub last_plan: Option<(ViewPlanMeta, Vec<CandidateView>)>,
     /// The map.
     pub map: FinalMap,
+    /// How the robot drove.
+    pub drive: Drive,
     /// How the source ended.
     pub source: SourceEnd,
+    /// Whether scans were taken as the robot went, their number known to nobody before.
+    pub is_live: bool,
     /// Whether the recording was ended in order.
     pub complete: bool,
 }
@@ -200,7 +206,9 @@ impl RunData {
         })?;
         data.read_plans(reader, &mut scans)?;
         data.read_map(reader)?;
+        data.drive = Drive::read(reader)?;
         reader.for_each_meta::<topics::Clock>(|meta, _| {
+            data.is_live = meta.scans_expected == 0;
             data.source = match meta.state {
                 CLOCK_ENDED => SourceEnd::Ended,
                 CLOCK_FAULT => SourceEnd::Fault,
@@ -238,10 +246,13 @@ impl RunData {
         })
     }
 
-    /// Distance from the first to the last scan [m]. A leg is as long as the planned path where the next scan was taken
+    /// Distance driven, or, where no robot drove, from the first to the last scan [m]. A leg is as long as the planned path where the next scan was taken
     /// at its end, and straight otherwise.
     #[must_use]
     pub fn distance_m(&self) -> f64 {
+        if !self.drive.track.is_empty() {
+            return self.drive.distance_m;
+        }
         let aligned: Vec<_> =
             self.scans.iter().filter(|s| s.is_aligned()).filter_map(|s| Some((s, s.pose()?))).collect();
         aligned

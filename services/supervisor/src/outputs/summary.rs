@@ -39,6 +39,12 @@ pub struct Summary {
     pub quality: Option<f64>,
     /// Distance driven [m].
     pub distance_m: f64,
+    /// The robot's own time from start to end [s]; null where no robot drove.
+    pub mission_s: Option<f64>,
+    /// Targets that the robot set out for and did not reach, with the reason.
+    pub given_up: Vec<String>,
+    /// Whether the robot tipped over; null where no robot drove.
+    pub tipped: Option<bool>,
     /// Known cells of the map.
     pub cells_known: Option<u32>,
     /// Side of a cell [m].
@@ -112,6 +118,7 @@ impl Summary {
         let (last_decision, last_decision_text) = data.last_plan.as_ref().map(|(plan, _)| words(plan)).unzip();
         let total = |of: fn(&ServiceTotals) -> u64| facts.services.iter().map(of).sum();
         let has_map = !data.map.tiles.is_empty();
+        let has_driven = !data.drive.track.is_empty();
         Self {
             title: facts.title.clone(),
             scans: data.scans.len(),
@@ -125,6 +132,9 @@ impl Summary {
             coverage: coverage(data, facts),
             quality: quality(data),
             distance_m: data.distance_m(),
+            mission_s: has_driven.then_some(data.drive.duration_s),
+            given_up: data.drive.given_up.iter().map(|g| format!("after scan {}: {}", g.scan, g.reason)).collect(),
+            tipped: has_driven.then_some(data.drive.tipped),
             cells_known: has_map.then_some(data.map.cells_known),
             cell_m: has_map.then_some(data.map.cell_m),
             poses: poses(data),
@@ -157,12 +167,15 @@ fn stop_reason(data: &RunData, facts: &RunFacts) -> Option<(String, String)> {
     if facts.interrupted {
         return said("interrupted", "the user ended the run");
     }
+    let decided =
+        || data.last_plan.as_ref().filter(|(plan, _)| plan.decision == DECISION_STOP).map(|(plan, _)| words(plan));
     match data.source {
+        SourceEnd::Ended if data.is_live => {
+            decided().or_else(|| said("limit_reached", "as many scans were taken as were asked for"))
+        }
         SourceEnd::Ended => said("input_ended", "all scans of the source were processed"),
         SourceEnd::Fault => said("fault", "the source of the scans could not go on"),
-        SourceEnd::Open => {
-            data.last_plan.as_ref().filter(|(plan, _)| plan.decision == DECISION_STOP).map(|(plan, _)| words(plan))
-        }
+        SourceEnd::Open => decided(),
     }
 }
 

@@ -40,6 +40,8 @@ pub struct Monitor {
     health: Subscriber<topics::ServiceHealth>,
     clock: Subscriber<topics::Clock>,
     plans: Subscriber<topics::ViewPlan>,
+    navigation: Subscriber<topics::NavigationStatus>,
+    robot: Subscriber<topics::RobotState>,
     /// Counters of every service.
     tallies: BTreeMap<String, Tally>,
     /// Scans the source will deliver; 0 while unknown.
@@ -52,8 +54,46 @@ pub struct Monitor {
     pub fault: Option<String>,
     /// The latest decision in a few words.
     pub decision: String,
+    /// What the robot does and how far it has driven, in a few words; empty where none drives.
+    pub driving: String,
+    driven_m: Driven,
     /// Keeps every topic alive, so that its rules hold although its users come and go.
     _topics: Vec<Box<dyn Any>>,
+}
+
+/// What the run cannot go on without once it says that it has failed.
+const INDISPENSABLE: [&str; 4] = ["simulator", "acquisition", "localization", "navigation"];
+
+/// The distance driven over all paths.
+#[derive(Debug, Default)]
+struct Driven {
+    plan: u64,
+    on_path: f64,
+    before: f64,
+}
+
+impl Driven {
+    fn take_in(&mut self, plan: u64, on_path: f64) -> f64 {
+        if plan != self.plan {
+            self.before += self.on_path;
+            self.plan = plan;
+        }
+        self.on_path = on_path;
+        self.before + self.on_path
+    }
+}
+
+/// A state of navigation in a word.
+fn navigation_word(state: u32) -> &'static str {
+    match state {
+        0 => "standing",
+        1 => "driving",
+        2 => "arrived",
+        3 => "blocked",
+        4 => "recovering",
+        5 => "gave up",
+        _ => "in a state unknown to this version",
+    }
 }
 
 impl Monitor {
@@ -70,19 +110,23 @@ impl Monitor {
             health: participant.subscriber()?,
             clock: participant.subscriber()?,
             plans: participant.subscriber()?,
+            navigation: participant.subscriber()?,
+            robot: participant.subscriber()?,
             tallies: BTreeMap::new(),
             scans_expected: 0,
             scans_planned: 0,
             ended: false,
             fault: None,
             decision: String::new(),
+            driving: String::new(),
+            driven_m: Driven::default(),
             _topics: held,
         })
     }
 
     /// What wakes the supervisor.
-    pub fn wakeables(&self) -> [&dyn Wakeable; 3] {
-        [&self.health, &self.clock, &self.plans]
+    pub fn wakeables(&self) -> [&dyn Wakeable; 4] {
+        [&self.health, &self.clock, &self.plans, &self.navigation]
     }
 
     /// Takes in what is there.
@@ -91,7 +135,7 @@ impl Monitor {
             for health in message.items() {
                 let name = text::unpack(&health.service);
                 self.tallies.entry(name.to_owned()).or_default().take_in(health);
-                if health.state == SERVICE_FAILED && name == "acquisition" {
+                if health.state == SERVICE_FAILED && INDISPENSABLE.contains(&name) {
                     self.fault = Some(text::unpack(&health.message).to_owned());
                 }
             }
@@ -109,6 +153,21 @@ impl Monitor {
             self.scans_planned = self.scans_planned.max(plan.header.scan() + 1);
             let milliseconds = message.header().sent_ns.saturating_sub(plan.scan_sent_ns) as f64 * 1e-6;
             self.decision = format!("{}, {milliseconds:.0} ms", text::unpack(&plan.reason_code));
+            if self.scans_expected == 0 {
+                let (known, quality) = (plan.cells_known, 100.0 * plan.mean_quality);
+                self.decision = format!("{}, {known} cells known, quality {quality:.0} %", self.decision);
+            }
+        }
+        while let Some(message) = self.robot.receive()? {
+            if message.items().iter().any(|robot| robot.tipped != 0) {
+                self.fault.get_or_insert_with(|| "the robot has tipped over".into());
+            }
+        }
+        while let Some(message) = self.navigation.receive()? {
+            for status in message.items() {
+                let driven = self.driven_m.take_in(status.plan_id, status.driven_m);
+                self.driving = format!(", {driven:.0} m, {}", navigation_word(status.state));
+            }
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
+use mirador_acquisition::SourceKind;
 use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Wake, budget};
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::Signal;
@@ -183,7 +184,12 @@ fn watch(
     monitor: &mut Monitor,
     children: &mut [Supervised],
 ) -> Result<Ended> {
-    let bar = crate::progress::bar(0, "scans", plan.quiet);
+    let is_live = plan.graph.acquisition.source == SourceKind::Robot;
+    let bar = if is_live {
+        crate::progress::counter("scans", plan.quiet)
+    } else {
+        crate::progress::bar(0, "scans", plan.quiet)
+    };
     let mut cleaned = Instant::now();
     loop {
         if plan.stop.is_set() {
@@ -192,9 +198,11 @@ fn watch(
         }
         participant.wait(&monitor.wakeables(), LOOK);
         monitor.listen()?;
-        bar.set_length(u64::from(monitor.scans_expected));
+        if !is_live {
+            bar.set_length(u64::from(monitor.scans_expected));
+        }
         bar.set_position(u64::from(monitor.scans_planned));
-        bar.set_message(monitor.decision.clone());
+        bar.set_message(format!("{}{}", monitor.decision, monitor.driving));
         for child in children.iter_mut() {
             let fate = child.look_after(&|| {
                 participant.clean_dead_peers();

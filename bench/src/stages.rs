@@ -1,4 +1,5 @@
-//! Upkeep of the information map: what one more scan costs, what it costs to move one, and the memory both take.
+//! The stages by themselves, one after the other in this process: surface, scores, and the upkeep of the information map
+//! (what one more scan costs, what it costs to move one, and the memory both take).
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -19,14 +20,14 @@ use crate::{BenchReport, Machine, Provenance, Row, Summary};
 
 /// What is measured, and how often.
 #[derive(Debug, Clone, PartialEq)]
-pub struct MapOptions {
+pub struct StagesOptions {
     /// Worker threads, one row each.
     pub threads: Vec<usize>,
-    /// How often the tour is repeated.
+    /// How often the tour is repeated, apart from once for warming up.
     pub repetitions: usize,
 }
 
-impl Default for MapOptions {
+impl Default for StagesOptions {
     fn default() -> Self {
         Self { threads: vec![1, 2], repetitions: 10 }
     }
@@ -34,7 +35,13 @@ impl Default for MapOptions {
 
 /// Why nothing was measured.
 #[derive(Debug, thiserror::Error)]
-pub enum MapBenchError {
+pub enum StagesBenchError {
+    /// Nothing was asked for.
+    #[error("stages bench: {field} = 0: at least 1 is needed")]
+    Nothing {
+        /// The option.
+        field: &'static str,
+    },
     /// The simulated drive cannot be had.
     #[error(transparent)]
     Drive(#[from] RegistrationBenchError),
@@ -58,13 +65,24 @@ struct Scored {
     pose: Pose,
 }
 
-/// Measures the map over a tour of fifteen simulated scans of 541 x 720 cells around a block of houses.
+/// The source's figures: row, its size, ms. On a 3 GHz Core 2 Duo, worst case (its Table 6-10).
+const LITERATURE: [(&str, &str, f64); 2] = [("surface", "175,270 points", 120.0), ("scores", "147,285 points", 450.0)];
+
+/// Measures the stages over a tour of fifteen simulated scans of 541 x 720 cells around a block of houses.
 ///
 /// # Errors
-/// See [`MapBenchError`].
-pub fn run(options: &MapOptions) -> Result<BenchReport, MapBenchError> {
+/// See [`StagesBenchError`].
+pub fn run(options: &StagesOptions) -> Result<BenchReport, StagesBenchError> {
+    if options.repetitions == 0 || options.threads.is_empty() || options.threads.contains(&0) {
+        let field = if options.repetitions == 0 { "repetitions" } else { "threads" };
+        return Err(StagesBenchError::Nothing { field });
+    }
     let drive = tour_around_a_block()?;
-    let scans = scored(&drive)?;
+    let mut scans = scans_of(&drive)?;
+    let mut first = Vec::new();
+    for &threads in &options.threads {
+        first.push((threads, surfaces_and_scores(&drive, &mut scans, threads, options.repetitions)?));
+    }
     let returns: usize = scans.iter().map(|s| s.points.iter().filter(|p| p.is_return()).count()).sum();
     let params = |more: &[(&str, Value)]| {
         let mut params = BTreeMap::from([("returns".to_owned(), json!(returns / scans.len().max(1)))]);
@@ -72,9 +90,16 @@ pub fn run(options: &MapOptions) -> Result<BenchReport, MapBenchError> {
         params
     };
     let mut rows = Vec::new();
+    for (threads, parts) in &first {
+        for (name, samples) in ["surface", "scores"].into_iter().zip(parts) {
+            rows.extend(row(name, params(&[("threads", json!(threads))]), samples, BTreeMap::new()));
+        }
+    }
+    rows.extend(LITERATURE.iter().map(|(name, size, ms)| literature(name, size, *ms)));
     let mut last = None;
     for &threads in &options.threads {
         let mut parts = [const { Vec::new() }; 3];
+        one_tour(&drive, &scans, threads, &mut [const { Vec::new() }; 3])?;
         for _ in 0..options.repetitions {
             last = Some(one_tour(&drive, &scans, threads, &mut parts)?);
         }
@@ -97,21 +122,45 @@ pub fn run(options: &MapOptions) -> Result<BenchReport, MapBenchError> {
     Ok(report(rows))
 }
 
-fn scored(drive: &SimulatedDrive) -> Result<Vec<Scored>, MapBenchError> {
-    let (mut builder, mut scorer) = (SurfaceBuilder::new(), Scorer::new());
+/// The scans of the tour, without scores yet.
+fn scans_of(drive: &SimulatedDrive) -> Result<Vec<Scored>, StagesBenchError> {
     let mut scans = Vec::new();
     for (k, pose) in drive.truth.iter().enumerate() {
         let mut points = Vec::new();
         drive.scan(k, &mut points)?;
-        let mut scores = vec![PointScore::NONE; points.len()];
-        let scan = ScanView { points: &points, grid: Some(drive.grid()) };
-        let surface = builder.build(scan, &SurfaceConfig { threads: 2, ..SurfaceConfig::default() })?;
-        let config = ScoreConfig { threads: 2, ..ScoreConfig::default() };
-        let ground = GroundHeight::resolve(&config, scan, surface, &pose.rotation);
-        scorer.score(scan, surface, &pose.rotation, ground, &config, &mut scores)?;
+        let scores = vec![PointScore::NONE; points.len()];
         scans.push(Scored { points, scores, pose: *pose });
     }
     Ok(scans)
+}
+
+/// Gives every scan its scores. Times in ms of the surfaces, and of the ground height with the scores.
+fn surfaces_and_scores(
+    drive: &SimulatedDrive,
+    scans: &mut [Scored],
+    threads: usize,
+    repetitions: usize,
+) -> Result<[Vec<f64>; 2], StagesBenchError> {
+    let (mut builder, mut scorer) = (SurfaceBuilder::new(), Scorer::new());
+    let surface_config = SurfaceConfig { threads, ..SurfaceConfig::default() };
+    let config = ScoreConfig { threads, ..ScoreConfig::default() };
+    let mut times = [const { Vec::new() }; 2];
+    for repetition in 0..=repetitions {
+        for Scored { points, scores, pose } in &mut *scans {
+            let scan = ScanView { points: points.as_slice(), grid: Some(drive.grid()) };
+            let begin = Instant::now();
+            let surface = builder.build(scan, &surface_config)?;
+            let built = begin.elapsed();
+            let ground = GroundHeight::resolve(&config, scan, surface, &pose.rotation);
+            scorer.score(scan, surface, &pose.rotation, ground, &config, scores)?;
+            let done = begin.elapsed();
+            if repetition > 0 {
+                times[0].push(built.as_secs_f64() * 1e3);
+                times[1].push((done - built).as_secs_f64() * 1e3);
+            }
+        }
+    }
+    Ok(times)
 }
 
 /// The map of a tour and the summaries of its scans; times in ms of condensing, adding, and both.
@@ -120,9 +169,10 @@ fn one_tour(
     scans: &[Scored],
     threads: usize,
     [condense, add, both]: &mut [Vec<f64>; 3],
-) -> Result<(InformationMap, Vec<ScanEvidence>), MapBenchError> {
+) -> Result<(InformationMap, Vec<ScanEvidence>), StagesBenchError> {
     let config = MapConfig::default();
     let mut map = InformationMap::new(config)?;
+    map.set_threads(threads);
     let (mut condenser, mut kept) = (Condenser::new(), Vec::new());
     for scan in scans {
         let view = ScanView { points: &scan.points, grid: Some(drive.grid()) };
@@ -144,8 +194,8 @@ fn moves(
     map: &mut InformationMap,
     scans: &[Scored],
     evidence: &[ScanEvidence],
-    options: &MapOptions,
-) -> Result<Vec<f64>, MapBenchError> {
+    options: &StagesOptions,
+) -> Result<Vec<f64>, StagesBenchError> {
     let mut samples = Vec::new();
     for _ in 0..options.repetitions {
         for (scan, evidence) in scans.iter().zip(evidence) {
@@ -183,6 +233,17 @@ fn row(name: &str, params: BTreeMap<String, Value>, samples: &[f64], extra: BTre
     Some(Row { name: name.into(), params, unit: "ms".into(), summary, provenance, extra })
 }
 
+fn literature(name: &str, size: &str, ms: f64) -> Row {
+    Row {
+        name: name.to_owned(),
+        params: BTreeMap::from([("source".to_owned(), json!(size))]),
+        unit: "ms".into(),
+        summary: Summary { n: 1, p50: ms, p90: ms, p99: ms, max: ms },
+        provenance: Provenance::Literature,
+        extra: BTreeMap::new(),
+    }
+}
+
 fn report(rows: Vec<Row>) -> BenchReport {
-    BenchReport { bench: "map".into(), machine: Machine::here(), rows }
+    BenchReport { bench: "stages".into(), machine: Machine::here(), rows }
 }

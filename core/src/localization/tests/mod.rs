@@ -1,0 +1,50 @@
+//! The filter on the simulated robot in the built-in worlds.
+
+mod faults;
+pub(crate) mod ride;
+
+use ride::{Ride, size};
+
+use crate::simulation::Scene;
+
+/// The prior of a scan against the truth.
+#[derive(Debug, Clone, Copy)]
+struct PriorError {
+    metres: f64,
+    degrees: f64,
+    /// Squared distance in standard deviations, six degrees of freedom (normalised estimation error squared).
+    nees: f64,
+}
+
+/// Drives the tour of a world with a scan at each pose, about ten metres apart.
+fn tour(world: &str, seed: u64, poses: usize) -> Vec<PriorError> {
+    let mut ride = Ride::builtin(world, seed);
+    ride.scan(3.0);
+    let places: Vec<_> = Scene::builtin(world).unwrap().poses.iter().skip(1).take(poses).copied().collect();
+    let mut priors = Vec::new();
+    for place in places {
+        ride.drive_to(place.x, place.y);
+        let (off, covariance) = ride.scan(5.0);
+        let nees = off.dot(&(covariance.try_inverse().unwrap() * off));
+        let (metres, degrees) = size(&off);
+        priors.push(PriorError { metres, degrees, nees });
+    }
+    priors
+}
+
+#[test]
+fn priors_after_about_ten_metres_are_good_enough_for_alignment_and_as_good_as_they_say() {
+    let mut all = Vec::new();
+    for (world, poses) in [("simple", 4), ("structured", 4), ("unstructured", 3)] {
+        for seed in 1..=2 {
+            all.extend(tour(world, seed, poses));
+        }
+    }
+    let mean = |of: fn(&PriorError) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
+    let (metres, degrees, nees) = (mean(|p| p.metres), mean(|p| p.degrees), mean(|p| p.nees));
+    println!("{metres:.3} m, {degrees:.2} deg, NEES {nees:.1}");
+    assert!(metres < 0.2 && degrees < 0.5, "{metres} m, {degrees} deg");
+    assert!(all.iter().all(|p| p.metres < 0.5 && p.degrees < 1.5), "{all:?}");
+    // Six when the covariance tells the truth; far less and it would be too modest to be of use.
+    assert!((1.5..12.0).contains(&nees), "{nees}");
+}

@@ -1,0 +1,417 @@
+//! Drives one path, until the robot has arrived or the target is given up.
+
+use nalgebra::{Vector2, Vector3};
+
+use super::config::NavigationConfig;
+use super::obstacles::{Surroundings, Way};
+use super::path::{Path, PathError};
+use super::progress::{Progress, Trail};
+use super::pursuit::{Aim, Pursuit};
+use super::watch::SensorFault;
+use crate::geometry::Pose;
+
+/// Longest control step that counts [s]: a longer pause was none of the robot's.
+const LONGEST_STEP_S: f64 = 0.2;
+/// Speed while an echo is short or the ground may fall away [m/s].
+const CAREFUL_SPEED: f64 = 0.2;
+/// How far from the obstacle, beyond the gap that is kept, the robot counts as stopped by it [m].
+const STOPPED_M: f64 = 0.05;
+/// How long a lost localisation is waited for [s].
+const LOST_S: f64 = 3.0;
+
+/// Where the robot takes itself to be, and how it moves.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotNow {
+    /// Time [ns].
+    pub stamp_ns: i64,
+    /// `map_from_robot`.
+    pub map_from_robot: Pose,
+    /// Forward speed [m/s].
+    pub linear: f64,
+    /// Whether localisation does not know where it is.
+    pub is_lost: bool,
+}
+
+/// Why a target is given up.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum GiveUp {
+    /// The path is none.
+    #[error("{0}")]
+    NoPath(PathError),
+    /// Something stands in the way and does not go away.
+    #[error("blocked: an obstacle {gap_m:.2} m in front")]
+    Blocked {
+        /// Free way in front of the robot [m].
+        gap_m: f64,
+    },
+    /// The ground falls away in front.
+    #[error("blocked: the ground falls away in front")]
+    Edge,
+    /// The wheels turn, but the robot does not get on.
+    #[error("stuck: the wheels turn, but the robot does not get on")]
+    Stuck,
+    /// It is too far from its path.
+    #[error("off the path by {off_m:.2} m")]
+    OffPath {
+        /// Distance from the path [m].
+        off_m: f64,
+    },
+    /// It leans so far that it may tip over.
+    #[error("in danger of tipping: it leans by {tilt_deg:.0} deg")]
+    Tilted {
+        /// Between its z axis and up [deg].
+        tilt_deg: f64,
+    },
+    /// Localisation does not know where the robot is.
+    #[error("localisation is lost")]
+    Lost,
+    /// It takes far too long.
+    #[error("not there after {seconds:.0} s")]
+    Timeout {
+        /// Time on this path [s].
+        seconds: f64,
+    },
+    /// A sensor stays away.
+    #[error("{0}")]
+    Sensor(SensorFault),
+}
+
+/// What the driver does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum DriveState {
+    /// On its way.
+    Driving,
+    /// Something is in the way.
+    Blocked,
+    /// Waits for a sensor or for localisation.
+    Waiting,
+    /// Backs up the way it came.
+    Recovering,
+    /// The target is reached.
+    Arrived,
+    /// The target is given up.
+    GaveUp(GiveUp),
+}
+
+/// What to do in this control step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// Forward speed [m/s].
+    pub linear: f64,
+    /// Turning speed about z [rad/s].
+    pub angular: f64,
+    /// What is being done.
+    pub state: DriveState,
+    /// What is wrong with a sensor.
+    pub fault: Option<SensorFault>,
+}
+
+/// Follows one path.
+#[derive(Debug, Clone)]
+pub struct Driver {
+    path: Path,
+    pursuit: Pursuit,
+    state: DriveState,
+    /// Since when the state holds, and the path is driven.
+    since_ns: Option<i64>,
+    begun_ns: Option<i64>,
+    last_ns: Option<i64>,
+    speed: f64,
+    at: Option<Vector2<f64>>,
+    driven: f64,
+    progress: Progress,
+    trail: Trail,
+    attempts: u32,
+    /// Why it backs up, and how far it still has to [m].
+    cause: Option<GiveUp>,
+    back_left: f64,
+    /// Way driven since the ground began to look as if it fell away [m].
+    falling: f64,
+    healthy_since_ns: Option<i64>,
+    ahead: Vec<Vector2<f64>>,
+}
+
+impl Driver {
+    /// A driver at the beginning of a path.
+    #[must_use]
+    pub fn new(path: Path) -> Self {
+        Self {
+            path,
+            pursuit: Pursuit::new(),
+            state: DriveState::Driving,
+            since_ns: None,
+            begun_ns: None,
+            last_ns: None,
+            speed: 0.0,
+            at: None,
+            driven: 0.0,
+            progress: Progress::default(),
+            trail: Trail::default(),
+            attempts: 0,
+            cause: None,
+            back_left: 0.0,
+            falling: 0.0,
+            healthy_since_ns: None,
+            ahead: Vec::new(),
+        }
+    }
+
+    /// The path.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What is being done.
+    #[must_use]
+    pub fn state(&self) -> DriveState {
+        self.state
+    }
+
+    /// Number of the waypoint that is driven to.
+    #[must_use]
+    pub fn waypoint(&self) -> usize {
+        self.path.waypoint_after(self.pursuit.along)
+    }
+
+    /// Distance driven [m].
+    #[must_use]
+    pub fn driven(&self) -> f64 {
+        self.driven
+    }
+
+    /// Distance left along the path [m].
+    #[must_use]
+    pub fn left(&self) -> f64 {
+        (self.path.length() - self.pursuit.along).max(0.0)
+    }
+
+    /// Distance from the path [m].
+    #[must_use]
+    pub fn off(&self) -> f64 {
+        self.pursuit.off
+    }
+
+    /// One control step.
+    pub fn step(
+        &mut self,
+        now: &RobotNow,
+        around: &Surroundings,
+        fault: Option<SensorFault>,
+        config: &NavigationConfig,
+    ) -> Drive {
+        let step = self.pass_time(now);
+        let done = matches!(self.state, DriveState::Arrived | DriveState::GaveUp(_));
+        let wanted = if done { [0.0; 2] } else { self.decide(now, step, around, fault, config) };
+        let [linear, angular] = wanted;
+        self.speed = linear;
+        Drive { linear, angular, state: self.state, fault }
+    }
+
+    fn pass_time(&mut self, now: &RobotNow) -> f64 {
+        let step = self.last_ns.map_or(0.0, |last| seconds(last, now.stamp_ns)).clamp(0.0, LONGEST_STEP_S);
+        self.last_ns = Some(now.stamp_ns);
+        self.begun_ns = self.begun_ns.or(Some(now.stamp_ns));
+        let at = place(&now.map_from_robot);
+        let moved = self.at.map_or(0.0, |before| (at - before).norm());
+        self.at = Some(at);
+        self.driven += moved;
+        if self.falling > 0.0 {
+            self.falling += moved;
+        }
+        step
+    }
+
+    fn decide(
+        &mut self,
+        now: &RobotNow,
+        step: f64,
+        around: &Surroundings,
+        fault: Option<SensorFault>,
+        config: &NavigationConfig,
+    ) -> [f64; 2] {
+        if let Some(reason) = self.hopeless(now, config) {
+            return self.give_up(now, reason);
+        }
+        if self.must_wait(now, fault, config) {
+            return [0.0; 2];
+        }
+        match self.state {
+            DriveState::Recovering => self.back_up(now, step, around, config),
+            _ => self.follow(now, step, around, config),
+        }
+    }
+
+    /// What no waiting helps against.
+    fn hopeless(&self, now: &RobotNow, config: &NavigationConfig) -> Option<GiveUp> {
+        let driving = self.begun_ns.map_or(0.0, |begun| seconds(begun, now.stamp_ns));
+        if driving > config.follow.patience_s_per_m * (self.path.length() + 5.0) {
+            return Some(GiveUp::Timeout { seconds: driving });
+        }
+        let tilt_deg = tilt(&now.map_from_robot).to_degrees();
+        let is_backing = self.state == DriveState::Recovering;
+        if tilt_deg > config.follow.max_tilt_deg && !now.is_lost && !is_backing {
+            // Going back is what may help; the second time it does not.
+            if self.attempts >= config.recovery.attempts || self.driven < 0.1 {
+                return Some(GiveUp::Tilted { tilt_deg });
+            }
+        }
+        let off_m = self.pursuit.off;
+        (off_m > config.follow.off_path_m && !is_backing).then_some(GiveUp::OffPath { off_m })
+    }
+
+    /// Whether sensors or localisation must be waited for; gives up when it takes too long.
+    fn must_wait(&mut self, now: &RobotNow, fault: Option<SensorFault>, config: &NavigationConfig) -> bool {
+        if fault.is_none() && !now.is_lost {
+            let since = *self.healthy_since_ns.get_or_insert(now.stamp_ns);
+            let settled = self.state != DriveState::Waiting || seconds(since, now.stamp_ns) >= config.watch.settle_s;
+            if settled && self.state == DriveState::Waiting {
+                self.enter(now, DriveState::Driving);
+            }
+            return !settled;
+        }
+        self.healthy_since_ns = None;
+        if self.state != DriveState::Waiting {
+            self.enter(now, DriveState::Waiting);
+        }
+        let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
+        match fault {
+            Some(fault) if waited > config.watch.patience_s => self.state = DriveState::GaveUp(GiveUp::Sensor(fault)),
+            None if waited > LOST_S => self.state = DriveState::GaveUp(GiveUp::Lost),
+            _ => {}
+        }
+        true
+    }
+
+    fn follow(&mut self, now: &RobotNow, step: f64, around: &Surroundings, config: &NavigationConfig) -> [f64; 2] {
+        let at = place(&now.map_from_robot);
+        let aim = self.pursuit.aim(&self.path, &now.map_from_robot, now.linear.abs(), &config.follow);
+        if aim.arrived {
+            self.enter(now, DriveState::Arrived);
+            return [0.0; 2];
+        }
+        let tilt_deg = tilt(&now.map_from_robot).to_degrees();
+        if tilt_deg > config.follow.max_tilt_deg {
+            return self.recover(now, GiveUp::Tilted { tilt_deg }, config);
+        }
+        self.trail.note(&at);
+        let reach = config.obstacles.half_length_m + config.obstacles.slow_gap_m + 0.5;
+        let mut ahead = std::mem::take(&mut self.ahead);
+        self.pursuit.ahead(&self.path, &at, reach, &mut ahead);
+        let pose = &now.map_from_robot;
+        let way = around.way(now.stamp_ns, pose, &ahead, &self.path, self.pursuit.along, &config.obstacles);
+        self.ahead = ahead;
+        let stopped_by = self.stopped_by(&aim, &way, config);
+        if let Some(reason) = stopped_by {
+            return self.wait_for_way(now, reason, config);
+        }
+        if self.state == DriveState::Blocked {
+            self.enter(now, DriveState::Driving);
+        }
+        let command = self.command(&aim, &way, step, config);
+        if self.progress.is_stuck(now.stamp_ns, step, pose, command, &config.recovery) {
+            return self.recover(now, GiveUp::Stuck, config);
+        }
+        command
+    }
+
+    /// What the robot must stop for, if it is to drive on.
+    fn stopped_by(&mut self, aim: &Aim, way: &Way, config: &NavigationConfig) -> Option<GiveUp> {
+        if !way.may_drop {
+            self.falling = 0.0;
+        } else if self.falling == 0.0 {
+            self.falling = 1e-6;
+        }
+        // Turning on the spot it goes nowhere.
+        aim.curvature?;
+        if self.falling > config.obstacles.drop_m {
+            return Some(GiveUp::Edge);
+        }
+        let gap_m = way.gap.max(0.0);
+        (way.gap < config.obstacles.stop_gap_m + STOPPED_M).then_some(GiveUp::Blocked { gap_m })
+    }
+
+    /// Stands before an obstacle: near the target that is near enough, else it may go away, else back.
+    fn wait_for_way(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
+        let to_goal = (self.path.goal() - place(&now.map_from_robot)).norm();
+        if to_goal < config.follow.goal_tolerance_m + config.obstacles.stop_gap_m {
+            self.enter(now, DriveState::Arrived);
+            return [0.0; 2];
+        }
+        if self.state != DriveState::Blocked {
+            self.enter(now, DriveState::Blocked);
+        }
+        self.progress.restart();
+        let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
+        if waited > config.recovery.blocked_s {
+            return self.recover(now, reason, config);
+        }
+        [0.0; 2]
+    }
+
+    fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
+        if self.attempts >= config.recovery.attempts {
+            return self.give_up(now, reason);
+        }
+        self.attempts += 1;
+        self.cause = Some(reason);
+        self.back_left = config.recovery.back_up_m;
+        self.enter(now, DriveState::Recovering);
+        [0.0; 2]
+    }
+
+    fn back_up(&mut self, now: &RobotNow, step: f64, around: &Surroundings, config: &NavigationConfig) -> [f64; 2] {
+        let recovery = &config.recovery;
+        self.back_left -= step * now.linear.abs();
+        let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
+        let is_late = waited > 3.0 * recovery.back_up_m / recovery.back_up_speed + 1.0;
+        let is_blocked = around.gap_behind(now.stamp_ns, &config.obstacles) < config.obstacles.stop_gap_m;
+        if self.back_left <= 0.0 || is_late || is_blocked {
+            // What it has come back over is before it again.
+            self.pursuit.go_back(recovery.back_up_m);
+            self.falling = 0.0;
+            self.enter(now, DriveState::Driving);
+            return [0.0; 2];
+        }
+        let linear = -recovery.back_up_speed;
+        [linear, linear * self.trail.back(&now.map_from_robot)]
+    }
+
+    /// Speeds by the aim, what is around, and what the drives can.
+    fn command(&self, aim: &Aim, way: &Way, step: f64, config: &NavigationConfig) -> [f64; 2] {
+        let follow = &config.follow;
+        let Some(curvature) = aim.curvature else { return [0.0, aim.turn] };
+        let obstacles = &config.obstacles;
+        // The proximity heuristic (Macenski et al., equation 6), and braking before what is certainly there.
+        let near = (way.gap.min(way.doubtful_gap) / obstacles.slow_gap_m).clamp(0.0, 1.0) * follow.max_speed;
+        let braking = (follow.acceleration * (way.gap - obstacles.stop_gap_m).max(0.0)).sqrt();
+        let careful = if way.is_short || self.falling > 0.0 { CAREFUL_SPEED } else { f64::INFINITY };
+        let wanted = aim.linear.min(near.max(follow.min_speed)).min(braking.max(follow.min_speed)).min(careful);
+        let linear = wanted.min(self.speed.max(0.0) + follow.acceleration * step.max(0.01));
+        let angular = (linear * curvature).clamp(-follow.max_turn, follow.max_turn);
+        [linear, angular]
+    }
+
+    fn give_up(&mut self, now: &RobotNow, reason: GiveUp) -> [f64; 2] {
+        self.enter(now, DriveState::GaveUp(reason));
+        [0.0; 2]
+    }
+
+    fn enter(&mut self, now: &RobotNow, state: DriveState) {
+        self.state = state;
+        self.since_ns = Some(now.stamp_ns);
+        self.progress.restart();
+    }
+}
+
+fn place(pose: &Pose) -> Vector2<f64> {
+    Vector2::new(pose.translation.x, pose.translation.y)
+}
+
+fn tilt(pose: &Pose) -> f64 {
+    (pose.rotation * Vector3::z()).z.clamp(-1.0, 1.0).acos()
+}
+
+fn seconds(from_ns: i64, to_ns: i64) -> f64 {
+    to_ns.saturating_sub(from_ns) as f64 * 1e-9
+}

@@ -1,0 +1,144 @@
+//! A simulated robot explores a world through the whole process graph: it decides, drives and scans.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
+mod support;
+
+use std::fs;
+use std::path::Path;
+
+use mirador_ipc_schema::topics;
+use support::outputs::{assert_same_bits, recording};
+use support::{Stage, summary};
+
+/// The usual robot, its scanner with beams every 1.5 degrees and sweeps every 0.6, as fast as the head turns: a quarter of
+/// the points.
+const COARSE_ROBOT: &str = r#"
+[[robot]]
+name = "robot"
+
+[[robot.sensor]]
+name = "scanner"
+kind = "laser3d"
+mount_m = [0, 0, 1.0]
+range_m = 50
+noise_m = 0.01
+resolution_deg = 1.5
+field_of_view_deg = 270
+turn_deg = [-180, 180]
+turn_step_deg = 0.6
+dark_range_m = 18
+
+[[robot.sensor]]
+name = "front"
+kind = "laser2d"
+mount_m = [0.5, 0, 0.42]
+range_m = 32
+noise_m = 0.015
+resolution_deg = 0.5
+field_of_view_deg = 180
+"#;
+
+/// The built-in world *simple* with a coarse scanner.
+fn world(stage: &Stage) -> String {
+    let simple = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../worlds/simple.toml")).unwrap();
+    let path = stage.path("world.toml");
+    fs::write(&path, simple + COARSE_ROBOT).unwrap();
+    path.display().to_string()
+}
+
+/// What a coarse scanner needs: the area a point may stand for grows with its steps.
+const SETTINGS: [&str; 4] =
+    ["--set", "analysis.surface.area_max_m2=0.009", "--set", "planning.view.scanner.max_area_m2=0.009"];
+
+fn explore(stage: &Stage, world: &str, out: &str, more: &[&str]) {
+    stage.run_well(&[&["explore", world, "--quiet", "--out", out][..], &SETTINGS, more].concat());
+}
+
+fn number(out: &Path, key: &str) -> f64 {
+    summary(out)[key].as_f64().unwrap_or_else(|| panic!("{key}: {}", summary(out)[key]))
+}
+
+#[test]
+fn a_robot_explores_and_knows_where_it_was() {
+    let stage = Stage::new();
+    let world = world(&stage);
+    explore(&stage, &world, "out", &["--max-scans", "4"]);
+    let out = stage.path("out");
+    let told = summary(&out);
+    assert_eq!(
+        (&told["stop_reason"], &told["scans"], &told["aligned"]),
+        (&"limit_reached".into(), &4.into(), &4.into())
+    );
+    assert_eq!((&told["tipped"], &told["given_up"]), (&false.into(), &serde_json::json!([])));
+    assert_eq!(
+        (&told["lost_messages"], &told["restarts"], &told["copied_payload_bytes"]),
+        (&0.into(), &0.into(), &0.into())
+    );
+    assert!(number(&out, "distance_m") > 6.0 && number(&out, "mission_s") > 4.0 * 12.0, "{told}");
+    let errors = &told["errors"];
+    assert_eq!(errors["n"], 4, "every aligned scan has a true pose");
+    assert!(errors["ate_rmse_m"].as_f64().unwrap() < 0.3, "{errors}");
+    // What the robot says of itself and the truth, which nobody steers by, go together.
+    let (mut truth, mut told) = (Vec::new(), Vec::new());
+    let mut reader = recording(&out);
+    reader.for_each::<topics::RobotState>(|_, items| truth.extend(items.iter().map(|s| s.map_from_robot))).unwrap();
+    reader.for_each::<topics::RobotPoses>(|_, items| told.extend(items.iter().map(|p| p.map_from_robot))).unwrap();
+    let (truth, told) = (truth.last().unwrap(), told.last().unwrap());
+    assert!((truth[3] - told[3]).hypot(truth[7] - told[7]) < 0.5, "{truth:?} {told:?}");
+    for file in ["model.ply", "map.png", "report.html", "trajectory.tum"] {
+        assert!(fs::metadata(out.join(file)).unwrap().len() > 100, "{file}");
+    }
+    let explained = stage.run_well(&["explain", "out"]).stdout;
+    assert!(explained.contains("Scan 3") && explained.contains("Plan: strategy multi_criteria"), "{explained}");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_exploration_and_another_another() {
+    let stage = Stage::new();
+    let world = world(&stage);
+    explore(&stage, &world, "one", &["--max-scans", "3"]);
+    explore(&stage, &world, "two", &["--max-scans", "3", "--set", "services.simulator.threads=1"]);
+    assert_same_bits(&stage.path("one"), &stage.path("two"));
+    assert_eq!(summary(&stage.path("one"))["stop_reason"], "limit_reached");
+    assert_eq!(summary(&stage.path("one"))["scans"], 3);
+    explore(&stage, &world, "other", &["--max-scans", "3", "--seed", "2"]);
+    let read = |out: &str| fs::read(stage.path(out).join("model.ply")).unwrap();
+    assert!(read("one") != read("other"), "the comparison can fail");
+    // Its recording gives the same map and plans without a robot.
+    let recorded = stage.path("one/run.mcap").display().to_string();
+    stage.run_well(&["replay", &recorded, "--quiet", "--out", "replayed"]);
+    let model = |out: &str| fs::read(stage.path(out).join("trajectory.tum")).unwrap();
+    assert!(model("one") == model("replayed"), "the replayed trajectory differs");
+}
+
+#[test]
+fn what_cannot_be_explored_is_refused_by_name() {
+    let stage = Stage::new();
+    let refused = |arguments: &[&str], words: &[&str]| {
+        let finished = stage.run(arguments);
+        assert_eq!(finished.status.code(), Some(2), "{arguments:?}: {}", finished.stderr);
+        assert_eq!(finished.stderr.trim_end().lines().count(), 1, "{}", finished.stderr);
+        for word in words {
+            assert!(finished.stderr.contains(word), "{word:?} in {}", finished.stderr);
+        }
+        assert!(!stage.path("mirador-out").exists(), "nothing was begun");
+    };
+    refused(&["explore", "moon"], &["moon", "simple", "structured"]);
+    refused(&["explore", "nowhere.toml"], &["nowhere.toml"]);
+    refused(&["explore", "--strategy", "lottery"], &["lottery", "coverage_tour"]);
+    refused(&["explore", "--weights", "1,2"], &["--weights", "four numbers"]);
+    refused(&["explore", "--weights", "0,0,0,1"], &["weights", "at least one"]);
+    refused(&["explore", "--weights", "-1,0,0,1"], &["weights.information", "0 to 1"]);
+    let simple = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../worlds/simple.toml")).unwrap();
+    let blind = format!(
+        "{simple}\n[[robot]]\nname = \"mole\"\n[[robot.sensor]]\nname = \"front\"\nkind = \"laser1d\"\nmount_m = [0, 0, 1]\nrange_m = 9\n"
+    );
+    fs::write(stage.path("blind.toml"), blind).unwrap();
+    refused(&["explore", "blind.toml"], &["mole", "laser3d"]);
+    let (free, walled) = ("[start]\nx_m = -9.0\ny_m = -10.0", "[start]\nx_m = -8.0\ny_m = -3.0");
+    assert!(simple.contains(free));
+    let walled = simple.replace(free, walled);
+    fs::write(stage.path("walled.toml"), walled).unwrap();
+    refused(&["explore", "walled.toml"], &["walled.toml", "blocked"]);
+}
