@@ -8,6 +8,11 @@ use super::watch::{SensorFault, Watch, WatchCounters};
 
 /// A scan that was asked for and does not begin is asked for again after this time [s].
 const ASK_AGAIN_S: f64 = 5.0;
+/// The robot has stood for so long before a scan is asked for [s]: braking, and rocking on its wheels after it, would distort
+/// the scan. It stands below this speed [m/s], or is taken to after this time [s].
+const STAND_S: f64 = 1.0;
+const STANDING: f64 = 0.02;
+const LONGEST_STAND_S: f64 = 3.0;
 
 /// What a view plan decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +41,11 @@ pub struct RobotWord {
 pub enum MissionState {
     /// Nothing is known of the robot yet.
     Begin,
+    /// The robot comes to rest where it will take this scan.
+    Settling {
+        /// Which.
+        scan: u32,
+    },
     /// The head turns, or will, for this scan.
     Scanning {
         /// Which.
@@ -97,6 +107,9 @@ pub struct Mission {
     fault: Option<SensorFault>,
     asked_ns: i64,
     has_turned: bool,
+    /// Since when the robot is to stand, and does.
+    settling_ns: i64,
+    standing_ns: i64,
     /// Scans whose plans have been taken.
     planned_scans: u32,
     give_ups: u32,
@@ -119,6 +132,8 @@ impl Mission {
             fault: None,
             asked_ns: 0,
             has_turned: false,
+            settling_ns: 0,
+            standing_ns: 0,
             planned_scans: 0,
             give_ups: 0,
             last_give_up: None,
@@ -207,6 +222,7 @@ impl Mission {
         let Some(word) = self.word else { return stand(None) };
         match self.state.clone() {
             MissionState::Begin => self.begin(now, &word),
+            MissionState::Settling { scan } => self.settle(now, scan),
             MissionState::Scanning { scan } => self.scan(now, &word, scan),
             MissionState::Planning { scan } => self.await_plan(now, scan),
             MissionState::Driving { scan } => self.drive(now, &word, scan),
@@ -225,7 +241,24 @@ impl Mission {
             self.state = MissionState::Planning { scan: word.scans - 1 };
             return self.await_plan(now, word.scans - 1);
         }
-        self.ask(now, 0)
+        self.come_to_rest(now, 0)
+    }
+
+    fn come_to_rest(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
+        (self.settling_ns, self.standing_ns) = (now.stamp_ns, now.stamp_ns);
+        self.state = MissionState::Settling { scan };
+        stand(None)
+    }
+
+    fn settle(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
+        if now.linear.abs() > STANDING {
+            self.standing_ns = now.stamp_ns;
+        }
+        let since = |then: i64| now.stamp_ns.saturating_sub(then) as f64 * 1e-9;
+        if since(self.standing_ns) >= STAND_S || since(self.settling_ns) >= LONGEST_STAND_S {
+            return self.ask(now, scan);
+        }
+        stand(None)
     }
 
     fn ask(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
@@ -279,7 +312,7 @@ impl Mission {
         match state {
             DriveState::Arrived => {
                 self.give_ups = 0;
-                self.ask(now, scan.saturating_add(1))
+                self.come_to_rest(now, scan.saturating_add(1))
             }
             DriveState::GaveUp(reason) => self.gave_up(now, scan, reason),
             _ => MissionStep::Answer { linear, angular, request: None },
@@ -294,7 +327,7 @@ impl Mission {
             self.end(format!("{} targets given up in a row; the last: {reason}", self.give_ups), true);
             return stand(None);
         }
-        self.ask(now, scan.saturating_add(1))
+        self.come_to_rest(now, scan.saturating_add(1))
     }
 
     fn end(&mut self, reason: String, is_fault: bool) {

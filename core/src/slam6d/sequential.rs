@@ -12,7 +12,7 @@ use super::{
     TargetState,
 };
 use crate::geometry::{Covariance, Pose, adjoint};
-use crate::registration::coarse::CoarseConfig;
+use crate::registration::coarse::{CoarseConfig, Evidence};
 use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
 
@@ -100,11 +100,10 @@ pub struct SequentialAligner {
     verifier: Verifier,
 }
 
-/// An accepted pair.
-struct Accepted {
-    map_from_scanner: Pose,
-    alignment: Alignment,
-}
+/// Gives the k-th of the accepted scans, other than the last, that a scan which does not fit that one is tried against: its
+/// guessed pose `map_from_scanner` is given, and the method to prepare keyframes with.
+pub(super) type OlderScans<'a> =
+    dyn FnMut(&dyn Registration, &Pose, usize) -> Option<(TargetState, Arc<dyn PreparedScan>)> + 'a;
 
 impl SequentialAligner {
     /// An aligner without a map; the first scan defines it. `spacing_m` is how far the reduced points of a scan lie
@@ -214,12 +213,24 @@ impl SequentialAligner {
         prepared: Result<Box<dyn PreparedScan>, PrepareError>,
         prior: Option<Pose>,
     ) -> AlignmentRecord {
+        self.align_or_retry(scan_id, prepared, prior, &mut |_, _, _| None)
+    }
+
+    /// As [`Self::align_prepared`]; a scan with a prior that does not fit the last accepted one is tried against older ones.
+    pub(super) fn align_or_retry(
+        &mut self,
+        scan_id: u64,
+        prepared: Result<Box<dyn PreparedScan>, PrepareError>,
+        prior: Option<Pose>,
+        older: &mut OlderScans<'_>,
+    ) -> AlignmentRecord {
         let mut record = self.blank_record(scan_id, prior);
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
             Ok(prepared) => match (self.state.target, self.target.take()) {
                 (Some(target), Some(target_scan)) => {
-                    let accepted = self.align(&mut record, &target, &*target_scan, &*prepared);
+                    let accepted = self.align(&mut record, &target, &*target_scan, &*prepared)
+                        || (prior.is_some() && self.retry(&mut record, older, &*prepared));
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }
@@ -294,16 +305,17 @@ impl SequentialAligner {
         for (name, start, pair_distance_m) in self.starts(target, record.prior) {
             let limits = Limits { pair_distance_m, ..self.config.limits };
             let result = self.registration.align(target_scan, source, &start, &limits);
-            let (mut hypothesis, alignment) = self.judge(name, &start, &limits, result);
+            let has_prior = matches!(name, HypothesisName::PriorMotion | HypothesisName::PriorMotionWide);
+            let (mut hypothesis, alignment) = self.judge((name, has_prior), &start, &limits, result);
             let alignment = alignment.filter(|alignment| {
-                hypothesis.rejected = self.second_look(alignment, target_scan, source).err();
+                let weigh = |verifier: &mut Verifier, pose: &Pose| verifier.weigh(target_scan, source, pose);
+                hypothesis.rejected = self.second_look(alignment, weigh).err();
                 hypothesis.rejected.is_none()
             });
             record.iterations += hypothesis.iterations;
             record.hypotheses.push(hypothesis);
             if let Some(alignment) = alignment {
-                let map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
-                complete(record, target, Accepted { map_from_scanner, alignment });
+                complete(record, target, alignment);
                 return true;
             }
         }
@@ -313,29 +325,53 @@ impl SequentialAligner {
         false
     }
 
+    /// Tries older scans, one after the other, from where the scan is guessed to be. Without this a scan that shares too
+    /// little with the last accepted one would be the end: all that follow are compared with that same one.
+    fn retry(&mut self, record: &mut AlignmentRecord, older: &mut OlderScans<'_>, source: &dyn PreparedScan) -> bool {
+        let guess = record.map_from_scanner;
+        let limits = self.config.limits;
+        for k in 0.. {
+            let Some((target, target_scan)) = older(&*self.registration, &guess, k) else { break };
+            let start = target.map_from_scanner.inverse() * guess;
+            let result = self.registration.align(&*target_scan, source, &start, &limits);
+            let (mut hypothesis, alignment) = self.judge((HypothesisName::OlderScan, true), &start, &limits, result);
+            let alignment = alignment.filter(|alignment| {
+                let weigh = |verifier: &mut Verifier, pose: &Pose| verifier.weigh_other(&*target_scan, source, pose);
+                hypothesis.rejected = self.second_look(alignment, weigh).err();
+                hypothesis.rejected.is_none()
+            });
+            record.iterations += hypothesis.iterations;
+            record.hypotheses.push(hypothesis);
+            if let Some(alignment) = alignment {
+                record.target_id = Some(target.scan_id);
+                complete(record, &target, alignment);
+                return true;
+            }
+        }
+        false
+    }
+
     /// Weighs an accepted alignment that overlaps little by evidence of its own.
     fn second_look(
         &mut self,
         alignment: &Alignment,
-        target: &dyn PreparedScan,
-        source: &dyn PreparedScan,
+        weigh: impl FnOnce(&mut Verifier, &Pose) -> Evidence,
     ) -> Result<(), Rejection> {
         let acceptance = self.config.acceptance;
         if !acceptance.is_doubtful(alignment) {
             return Ok(());
         }
-        acceptance.weigh(&self.verifier.weigh(target, source, &alignment.target_from_source))
+        acceptance.weigh(&weigh(&mut self.verifier, &alignment.target_from_source))
     }
 
-    /// The hypothesis as recorded, and the alignment if it is accepted.
+    /// The hypothesis as recorded, and the alignment if it is accepted; a prior holds directions that the scans leave open.
     fn judge(
         &self,
-        name: HypothesisName,
+        (name, has_prior): (HypothesisName, bool),
         start: &Pose,
         limits: &Limits,
         result: Result<Alignment, AlignError>,
     ) -> (Hypothesis, Option<Alignment>) {
-        let has_prior = matches!(name, HypothesisName::PriorMotion | HypothesisName::PriorMotionWide);
         let failed = Hypothesis {
             name,
             start: *start,
@@ -390,9 +426,8 @@ fn normalised(mut pose: Pose) -> Pose {
 }
 
 /// Writes an accepted pair into the record.
-fn complete(record: &mut AlignmentRecord, target: &TargetState, accepted: Accepted) {
-    let alignment = accepted.alignment;
-    record.map_from_scanner = accepted.map_from_scanner;
+fn complete(record: &mut AlignmentRecord, target: &TargetState, alignment: Alignment) {
+    record.map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
     // A perturbation of the target's pose seen from the source: exp(x) T = T exp(Ad(T^-1) x).
     let carried = adjoint(&alignment.target_from_source.inverse());
     record.covariance = carried * target.covariance * carried.transpose() + alignment.covariance;

@@ -8,6 +8,7 @@ use super::candidates::{Candidate, Known};
 use super::journal::{CorrectionEntry, JournalEntry, MeasuredPair, ScanEntry};
 use super::keyframe::{Keyframe, KeyframeError};
 use super::map::Map;
+use super::older::OlderNodes;
 use super::pairs::{Measuring, Ready};
 use super::record::{CorrectionRecord, PairRecord, PairRejection};
 use super::verification::Verification;
@@ -226,7 +227,11 @@ impl GlobalAligner {
         prepared: Result<Box<dyn PreparedScan>, PrepareError>,
         prior: Option<Pose>,
     ) -> AlignmentRecord {
-        let record = self.sequential.align_prepared(scan_id, prepared, prior);
+        let Self { sequential, map, ready, config, .. } = self;
+        let target = sequential.state().target.map(|target| target.scan_id);
+        let mut older = OlderNodes { map, ready, config, but: target, nodes: None };
+        let record =
+            sequential.align_or_retry(scan_id, prepared, prior, &mut |method, guess, k| older.get(method, guess, k));
         if self.config.method != CorrectionMethod::Off {
             self.remember(&record);
         }
