@@ -5,6 +5,7 @@ use super::driver::{Drive, DriveState, Driver, GiveUp, RobotNow};
 use super::obstacles::{Echo, LaserView, Surroundings};
 use super::path::Path;
 use super::watch::{SensorFault, Watch, WatchCounters};
+use crate::geometry::Pose;
 
 /// A scan that was asked for and does not begin is asked for again after this time [s].
 const ASK_AGAIN_S: f64 = 5.0;
@@ -92,6 +93,8 @@ struct Planned {
     decision: Option<(u32, Decision, String)>,
     path: Option<(u32, Vec<[f64; 3]>)>,
     corrected: Option<u32>,
+    /// By what the map has moved where a scan was taken, since its path was planned.
+    moved: Option<(u32, Pose)>,
 }
 
 /// Keeps the exploration going.
@@ -211,6 +214,15 @@ impl Mission {
         self.planned.path = Some((scan, waypoints));
     }
 
+    /// The pose of a scan was corrected after the path from it was planned: `new_from_old` moves the map there. The path moves
+    /// along, as the estimate of the robot's pose does.
+    pub fn moved(&mut self, scan: u32, new_from_old: &Pose) {
+        match (&self.state, &mut self.driver) {
+            (MissionState::Driving { scan: of }, Some(driver)) if *of == scan => driver.move_path(new_from_old),
+            _ => self.planned.moved = Some((scan, *new_from_old)),
+        }
+    }
+
     /// Alignment has said what came of older scans after a scan.
     pub fn corrected(&mut self, scan: u32) {
         self.planned.corrected = Some(scan);
@@ -296,10 +308,15 @@ impl Mission {
         (self.last_give_up, self.planned_scans) = (None, scan.saturating_add(1));
         match Path::new(&waypoints) {
             Ok(path) => {
-                self.driver = Some(Driver::new(path));
+                let mut driver = Driver::new(path);
+                if let Some((_, new_from_old)) = self.planned.moved.take_if(|(of, _)| *of == scan) {
+                    driver.move_path(&new_from_old);
+                }
+                self.driver = Some(driver);
                 self.state = MissionState::Driving { scan };
-                // The sensors have had no chance to speak while the step was not answered.
-                self.drive(now, &self.word.unwrap_or_default(), scan)
+                // The pose at hand is older than the alignment of the scan, by which it may be a good way off the path that
+                // begins at the aligned one; the next step's is not.
+                stand(None)
             }
             Err(error) => self.gave_up(now, scan, GiveUp::NoPath(error)),
         }

@@ -6,6 +6,7 @@ use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::prior::{Prior, weigh};
 use super::verifier::Verifier;
 use super::{
     AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
@@ -26,6 +27,9 @@ pub struct SequentialConfig {
     pub acceptance: AcceptanceConfig,
     /// The pair distance of the second attempt from the same start [m].
     pub wide_pair_distance_m: f64,
+    /// A pose within so many standard deviations of its prior's and its own from the one expected by the prior is weighed with
+    /// it; 0 never weighs. Only for priors that come with a covariance.
+    pub prior_gate_sigmas: f64,
     /// The standard deviation of the position of a scan that was not aligned [m].
     pub guess_sigma_m: f64,
     /// The standard deviation of the angles of a scan that was not aligned [rad].
@@ -38,6 +42,7 @@ impl Default for SequentialConfig {
             limits: Limits::default(),
             acceptance: AcceptanceConfig::default(),
             wide_pair_distance_m: 5.0,
+            prior_gate_sigmas: 5.0,
             guess_sigma_m: 1.0,
             guess_sigma_rotation: 0.2,
         }
@@ -53,10 +58,14 @@ impl SequentialConfig {
         self.limits.validate()?;
         self.acceptance.validate()?;
         ConfigError::check("wide_pair_distance_m", self.wide_pair_distance_m, 1e-3, 100.0)?;
+        ConfigError::check("prior_gate_sigmas", self.prior_gate_sigmas, 0.0, 1e3)?;
         ConfigError::check("guess_sigma_m", self.guess_sigma_m, 0.0, 1e4)?;
         ConfigError::check("guess_sigma_rotation", self.guess_sigma_rotation, 0.0, std::f64::consts::PI)
     }
 }
+
+/// An older scan nearer than this share of the last one's distance is a better target, where the prior can be relied on.
+const NEARER: f64 = 0.5;
 
 /// Why an aligner could not be restored.
 #[derive(Debug, Error)]
@@ -91,6 +100,33 @@ pub enum RestoreError {
     },
 }
 
+/// The accepted scans other than the last, those nearest to a guessed pose `map_from_scanner` first.
+pub(super) trait OlderScans {
+    /// How far off the nearest is [m]; infinite when there is none.
+    fn nearest_m(&mut self, guess: &Pose) -> f64;
+
+    /// The k-th, prepared by the method.
+    fn get(
+        &mut self,
+        registration: &dyn Registration,
+        guess: &Pose,
+        k: usize,
+    ) -> Option<(TargetState, Arc<dyn PreparedScan>)>;
+}
+
+/// There are none.
+struct NoOlderScans;
+
+impl OlderScans for NoOlderScans {
+    fn nearest_m(&mut self, _: &Pose) -> f64 {
+        f64::INFINITY
+    }
+
+    fn get(&mut self, _: &dyn Registration, _: &Pose, _: usize) -> Option<(TargetState, Arc<dyn PreparedScan>)> {
+        None
+    }
+}
+
 /// Aligns scan after scan. It holds one keyframe, that of the last accepted scan; its memory does not grow.
 pub struct SequentialAligner {
     registration: Box<dyn Registration>,
@@ -98,12 +134,9 @@ pub struct SequentialAligner {
     state: AlignerState,
     target: Option<Arc<dyn PreparedScan>>,
     verifier: Verifier,
+    /// Of the scan that is being aligned.
+    prior_covariance: Option<Covariance>,
 }
-
-/// Gives the k-th of the accepted scans, other than the last, that a scan which does not fit that one is tried against: its
-/// guessed pose `map_from_scanner` is given, and the method to prepare keyframes with.
-pub(super) type OlderScans<'a> =
-    dyn FnMut(&dyn Registration, &Pose, usize) -> Option<(TargetState, Arc<dyn PreparedScan>)> + 'a;
 
 impl SequentialAligner {
     /// An aligner without a map; the first scan defines it. `spacing_m` is how far the reduced points of a scan lie
@@ -118,7 +151,14 @@ impl SequentialAligner {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         let verifier = Verifier::new(CoarseConfig::default(), spacing_m)?;
-        Ok(Self { registration, config, state: AlignerState::default(), target: None, verifier })
+        Ok(Self {
+            registration,
+            config,
+            state: AlignerState::default(),
+            target: None,
+            verifier,
+            prior_covariance: None,
+        })
     }
 
     /// With other settings of the second look at alignments that overlap little.
@@ -203,7 +243,7 @@ impl SequentialAligner {
     /// a target, and the next scan is aligned to the last accepted one.
     pub fn align_next(&mut self, scan_id: u64, scan: ScanView<'_>, prior: Option<Pose>) -> AlignmentRecord {
         let prepared = self.registration.prepare(scan);
-        self.align_prepared(scan_id, prepared, prior)
+        self.align_prepared(scan_id, prepared, prior.map(Prior::from))
     }
 
     /// As [`Self::align_next`], for a scan that was prepared already, by this method with these settings.
@@ -211,9 +251,9 @@ impl SequentialAligner {
         &mut self,
         scan_id: u64,
         prepared: Result<Box<dyn PreparedScan>, PrepareError>,
-        prior: Option<Pose>,
+        prior: Option<Prior>,
     ) -> AlignmentRecord {
-        self.align_or_retry(scan_id, prepared, prior, &mut |_, _, _| None)
+        self.align_or_retry(scan_id, prepared, prior, &mut NoOlderScans)
     }
 
     /// As [`Self::align_prepared`]; a scan with a prior that does not fit the last accepted one is tried against older ones.
@@ -221,16 +261,22 @@ impl SequentialAligner {
         &mut self,
         scan_id: u64,
         prepared: Result<Box<dyn PreparedScan>, PrepareError>,
-        prior: Option<Pose>,
-        older: &mut OlderScans<'_>,
+        prior: Option<Prior>,
+        older: &mut dyn OlderScans,
     ) -> AlignmentRecord {
-        let mut record = self.blank_record(scan_id, prior);
+        self.prior_covariance = prior.and_then(|prior| prior.covariance);
+        let mut record = self.blank_record(scan_id, prior.map(|prior| prior.map_from_scanner));
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
             Ok(prepared) => match (self.state.target, self.target.take()) {
                 (Some(target), Some(target_scan)) => {
-                    let accepted = self.align(&mut record, &target, &*target_scan, &*prepared)
-                        || (prior.is_some() && self.retry(&mut record, older, &*prepared));
+                    let accepted = if self.is_nearer_to_others(&record, &target, older) {
+                        self.retry(&mut record, older, &*prepared)
+                            || self.align(&mut record, &target, &*target_scan, &*prepared)
+                    } else {
+                        self.align(&mut record, &target, &*target_scan, &*prepared)
+                            || (prior.is_some() && self.retry(&mut record, older, &*prepared))
+                    };
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }
@@ -289,6 +335,11 @@ impl SequentialAligner {
             starts.push((HypothesisName::PriorMotion, motion, near));
             starts.push((HypothesisName::PriorMotionWide, motion, wide));
         }
+        if self.prior_covariance.is_some() && !starts.is_empty() {
+            // Who knows how sure he is of where the scan was taken is not overruled by a habit: among things that look alike
+            // that finds a place where the robot cannot be.
+            return starts;
+        }
         starts.push((HypothesisName::ConstantMotion, constant, near));
         starts.push((HypothesisName::ConstantMotionWide, constant, wide));
         starts
@@ -312,6 +363,7 @@ impl SequentialAligner {
                 hypothesis.rejected = self.second_look(alignment, weigh).err();
                 hypothesis.rejected.is_none()
             });
+            let alignment = alignment.map(|alignment| self.weigh(alignment, record, target, &mut hypothesis));
             record.iterations += hypothesis.iterations;
             record.hypotheses.push(hypothesis);
             if let Some(alignment) = alignment {
@@ -325,13 +377,20 @@ impl SequentialAligner {
         false
     }
 
+    /// Whether an older scan lies much nearer to where the scan surely is than the last accepted one.
+    fn is_nearer_to_others(&self, record: &AlignmentRecord, target: &TargetState, older: &mut dyn OlderScans) -> bool {
+        let guess = record.map_from_scanner;
+        let distance = (target.map_from_scanner.translation.vector - guess.translation.vector).norm();
+        self.prior_covariance.is_some() && older.nearest_m(&guess) < NEARER * distance
+    }
+
     /// Tries older scans, one after the other, from where the scan is guessed to be. Without this a scan that shares too
     /// little with the last accepted one would be the end: all that follow are compared with that same one.
-    fn retry(&mut self, record: &mut AlignmentRecord, older: &mut OlderScans<'_>, source: &dyn PreparedScan) -> bool {
+    fn retry(&mut self, record: &mut AlignmentRecord, older: &mut dyn OlderScans, source: &dyn PreparedScan) -> bool {
         let guess = record.map_from_scanner;
         let limits = self.config.limits;
         for k in 0.. {
-            let Some((target, target_scan)) = older(&*self.registration, &guess, k) else { break };
+            let Some((target, target_scan)) = older.get(&*self.registration, &guess, k) else { break };
             let start = target.map_from_scanner.inverse() * guess;
             let result = self.registration.align(&*target_scan, source, &start, &limits);
             let (mut hypothesis, alignment) = self.judge((HypothesisName::OlderScan, true), &start, &limits, result);
@@ -340,6 +399,7 @@ impl SequentialAligner {
                 hypothesis.rejected = self.second_look(alignment, weigh).err();
                 hypothesis.rejected.is_none()
             });
+            let alignment = alignment.map(|alignment| self.weigh(alignment, record, &target, &mut hypothesis));
             record.iterations += hypothesis.iterations;
             record.hypotheses.push(hypothesis);
             if let Some(alignment) = alignment {
@@ -349,6 +409,24 @@ impl SequentialAligner {
             }
         }
         false
+    }
+
+    /// An accepted alignment, weighed with the prior if that came with a covariance.
+    fn weigh(
+        &self,
+        mut alignment: Alignment,
+        record: &AlignmentRecord,
+        target: &TargetState,
+        hypothesis: &mut Hypothesis,
+    ) -> Alignment {
+        // Without a prior of the last target the guess is none of the priors'.
+        let has_prior = self.state.target.is_some_and(|target| target.prior.is_some());
+        if let Some(covariance) = self.prior_covariance.filter(|_| has_prior) {
+            let expected = target.map_from_scanner.inverse() * record.map_from_scanner;
+            weigh(&mut alignment, &expected, &covariance, self.config.prior_gate_sigmas);
+            hypothesis.result = alignment.target_from_source;
+        }
+        alignment
     }
 
     /// Weighs an accepted alignment that overlaps little by evidence of its own.

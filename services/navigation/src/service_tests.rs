@@ -195,7 +195,9 @@ fn a_scan_is_asked_for_once_its_plan_takes_no_time_and_is_driven_to_the_next_sca
         partner.say(true);
         assert!(partner.answer(Duration::from_millis(150)).is_none());
         send_plan(partner, 0, 0, &[[0.0; 3], [1.0, 0.0, 0.0]]);
-        let first = partner.answer(Duration::from_secs(5)).expect("the plan answers the step");
+        let answer = partner.answer(Duration::from_secs(5)).expect("the plan answers the step");
+        assert_eq!(answer.linear, 0.0, "the pose is older than the alignment");
+        let first = partner.control(true);
         assert!(first.linear > 0.0 && first.valid_ns == 200_000_000, "{first:?}");
         partner.turn_head(1);
         assert!((partner.x - 1.0).abs() < 0.2, "at {}", partner.x);

@@ -8,6 +8,7 @@ use super::pairs::Ready;
 use crate::geometry::Pose;
 use crate::registration::{PreparedScan, Registration};
 use crate::slam6d::TargetState;
+use crate::slam6d::sequential::OlderScans;
 
 /// The nodes near a guess, looked up when the first is asked for.
 pub(super) struct OlderNodes<'a> {
@@ -20,15 +21,25 @@ pub(super) struct OlderNodes<'a> {
 }
 
 impl OlderNodes<'_> {
-    /// The k-th nearest that can be prepared.
-    pub fn get(
+    fn near(&mut self, guess: &Pose) -> &[usize] {
+        self.nodes.get_or_insert_with(|| nearest(self.map, self.config, self.but, guess))
+    }
+}
+
+impl OlderScans for OlderNodes<'_> {
+    fn nearest_m(&mut self, guess: &Pose) -> f64 {
+        let map = self.map;
+        let nearest = self.near(guess).first().and_then(|node| map.poses.get(*node));
+        nearest.map_or(f64::INFINITY, |pose| (pose.translation.vector - guess.translation.vector).norm())
+    }
+
+    fn get(
         &mut self,
         registration: &dyn Registration,
-        map_from_scanner: &Pose,
+        guess: &Pose,
         k: usize,
     ) -> Option<(TargetState, Arc<dyn PreparedScan>)> {
-        let nodes = self.nodes.get_or_insert_with(|| nearest(self.map, self.config, self.but, map_from_scanner));
-        let node = *nodes.get(k)?;
+        let node = *self.near(guess).get(k)?;
         // What was accepted once has points enough to be prepared again.
         let prepared = self.ready.get(node, &self.map.keyframes[node], registration).ok()?;
         let (scan_id, pose) = (self.map.scan_ids[node], self.map.poses[node]);
