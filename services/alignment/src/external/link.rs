@@ -6,7 +6,7 @@ use mirador_core::geometry::{Pose, rows_from_pose};
 use mirador_core::registration::{Limits, PreparedCloud, PreparedScan};
 use mirador_ipc_schema::messages::{Header, KeyframePoint, RegistrationRequestMeta, RegistrationResult};
 use mirador_ipc_schema::{Participant, PortError, Publisher, Subscriber, Waiter, topics};
-use mirador_service_common::log_place;
+use mirador_service_common::log_keyframes;
 
 use super::fault::Fault;
 use super::tally::About;
@@ -154,7 +154,7 @@ impl Link {
             timeout_ms: self.deadline_ms,
             request: self.request,
         };
-        log_place(question.about.source.scan(), || loan.location());
+        log_keyframes(question.about.source.scan(), || loan.location());
         loan.send().map_err(|e| not_sent(&e))
     }
 
