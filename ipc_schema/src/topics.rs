@@ -222,7 +222,7 @@ topics! {
         pub 1 sub 6 buffer 4 borrowed 2 history 1 loaned 1 WAIT;
     /// Asks planning to decide again.
     ReplanRequests = "replan_request" from "": Envelope [ReplanRequest; Fixed(1)],
-        pub 8 sub 2 buffer 8 borrowed 2 history 0 loaned 1 WAIT;
+        pub 8 sub 4 buffer 8 borrowed 2 history 0 loaned 1 WAIT;
     /// Wheel odometry.
     Odometry = "odometry" from "simulator": Envelope [Odometry; Fixed(64)],
         pub 2 sub 6 buffer 64 borrowed 2 history 0 loaned 2 DROP;
