@@ -16,8 +16,8 @@ use mirador_core::geometry::{pose_from_rows, rows_from_pose};
 use mirador_core::registration::{Limits, RegistrationConfig, Registry};
 use mirador_core::scan::{Point, ScanView};
 use mirador_ipc_schema::messages::{Envelope, Header, KeyframePoint, RegistrationRequestMeta, RegistrationResult};
-use mirador_ipc_schema::service::HealthReporter;
-use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Wake, topics};
+use mirador_ipc_schema::service::{HealthReporter, ServiceSetup};
+use mirador_ipc_schema::{StopSignal, topics};
 use serde_json::Value;
 use support::observer::{Observer, kill_9};
 use support::{Finished, Stage, eventually, finish, signal, small_tour, summary};
@@ -37,16 +37,11 @@ fn the_answering_process() {
 
 /// Answers requests, well or ill, until it is ended.
 fn answer(behaviour: &str) {
-    let told = |name: &str| std::env::var(name).unwrap();
-    let domain = Domain::new(&told("MIRADOR_DOMAIN")).unwrap();
-    let sizes = Sizes { scan_points: told("MIRADOR_MAX_POINTS").parse().unwrap() };
-    let incarnation = told("MIRADOR_INCARNATION").parse().unwrap();
-    let stop = StopSignal::from_terminal().unwrap();
-    let name = told("MIRADOR_NAME");
-    let own = Participant::join(domain, &name, incarnation, sizes, Wake::Event, stop.clone()).unwrap();
+    let setup = ServiceSetup::from_environment(StopSignal::from_terminal().unwrap()).unwrap();
+    let (own, stop) = (setup.join().unwrap(), setup.stop.clone());
     let requests = own.subscriber::<topics::RegistrationRequest>().unwrap();
     let results = own.publisher::<topics::RegistrationResult>().unwrap();
-    let mut health = HealthReporter::open(&own, &name).unwrap();
+    let mut health = HealthReporter::open(&own, &setup.name).unwrap();
     health.running(&own);
     let send = |result| results.send_one(Envelope { header: Header::new(0, 0) }, result).unwrap();
     while !stop.is_set() {

@@ -7,6 +7,8 @@
 pub mod moving;
 pub mod observer;
 pub mod outputs;
+pub mod page;
+pub mod python;
 
 use std::fs;
 use std::io::Write;
