@@ -311,3 +311,27 @@ fn keyframes_are_read_where_alignment_wrote_them() {
         assert!(written.contains(&place), "{place:?} of {written:?}");
     }
 }
+
+#[test]
+fn a_killed_alignment_goes_on_with_the_foreign_process_where_it_stopped() {
+    let stage = Stage::new();
+    let settings = ["alignment.external.deadline_ms=60000", "acquisition.rounds=2"];
+    let finished = finish(start(&stage, "honest", &settings));
+    assert_eq!(finished.status.code(), Some(0), "{}", finished.stderr);
+    let (undisturbed, asked) = (trajectory(&stage.path("mirador-out")), summary(&stage.path("mirador-out")));
+    let child = start(&stage, "honest", &settings);
+    let mut observer = Observer::join(stage.domain());
+    observer.until_finished("recorder", 4);
+    observer.until("alignment has been heard", |seen| seen.contains_key("alignment"));
+    kill_9(observer.pid("alignment"));
+    drop(observer);
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(0), "{}\n{}", finished.stderr, log(&stage, "alignment"));
+    let killed = summary(&stage.path("mirador-out"));
+    assert_eq!((&killed["restarts"], &killed["scans"]), (&1.into(), &16.into()));
+    assert_eq!(killed["registration"]["fallbacks"], 0, "{}", killed["registration"]);
+    // What was counted before the death counts; what was asked and not yet told of is asked again.
+    let count = |summary: &Value| summary["registration"]["answered"].as_u64().unwrap();
+    assert!(count(&killed) + 4 >= count(&asked), "{} {}", killed["registration"], asked["registration"]);
+    assert_eq!(trajectory(&stage.path("mirador-out")), undisturbed);
+}
