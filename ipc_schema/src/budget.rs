@@ -11,6 +11,9 @@ const SLOT_OVERHEAD: usize = 256;
 /// Bytes of management files for every topic and connection, rounded up.
 const TOPIC_OVERHEAD: usize = 256 * 1024;
 
+/// The name under which a foreign registration is counted among the services of a graph.
+pub const FOREIGN_REGISTRATION: &str = "registration";
+
 /// The memory one publisher of a topic takes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct TopicMemory {
@@ -68,6 +71,10 @@ pub fn of_graph(services: &[&str], sizes: &Sizes) -> Vec<TopicMemory> {
         .filter_map(|topic| {
             let rules = &topic.rules;
             let publishers = match rules.publisher {
+                // Alignment opens these only when it asks a foreign process.
+                "alignment" if rules.name.starts_with("registration_") => {
+                    usize::from(services.contains(&FOREIGN_REGISTRATION))
+                }
                 // The supervisor reports its own health too.
                 "" if rules.name == "service_health" => services.len() + 1,
                 "" => usize::from(rules.name == "scan_request"),
@@ -139,6 +146,14 @@ mod tests {
         let small = total(&of_graph(GRAPH, &Sizes { scan_points: 1_000 }));
         let large = total(&of_graph(GRAPH, &Sizes { scan_points: 389_520 }));
         assert!(large > small + 100_000_000);
+    }
+
+    #[test]
+    fn keyframes_for_a_foreign_registration_are_counted_where_there_is_one() {
+        let sizes = Sizes { scan_points: 100_000 };
+        let with = [GRAPH, &[FOREIGN_REGISTRATION]].concat();
+        let requests = |services: &[&str]| of_graph(services, &sizes).iter().any(|t| t.topic == "registration_request");
+        assert!(requests(&with) && !requests(GRAPH));
     }
 
     #[test]

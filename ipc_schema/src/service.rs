@@ -37,7 +37,50 @@ pub struct ServiceSetup {
     pub stop: StopSignal,
 }
 
+/// The place of a program in a graph is not known.
+#[derive(Debug, thiserror::Error)]
+#[error("{variable} {reason}: this program is started by mirador, as [programs.NAME] or by services.NAME.command")]
+pub struct EnvironmentError {
+    /// The environment variable.
+    pub variable: &'static str,
+    /// What is wrong with it.
+    pub reason: String,
+}
+
 impl ServiceSetup {
+    /// The place of a program that the supervisor has started, from its environment.
+    ///
+    /// # Errors
+    /// [`EnvironmentError`] names the variable that is missing or wrong.
+    pub fn from_environment(stop: StopSignal) -> Result<Self, EnvironmentError> {
+        Self::from_variables(stop, &|name| std::env::var(name).ok())
+    }
+
+    fn from_variables(
+        stop: StopSignal,
+        get: &dyn Fn(&'static str) -> Option<String>,
+    ) -> Result<Self, EnvironmentError> {
+        let text = |variable| get(variable).ok_or_else(|| EnvironmentError { variable, reason: "is not set".into() });
+        let number = |variable| {
+            let text = text(variable)?;
+            let wrong = |_| EnvironmentError { variable, reason: format!("is no number ({text})") };
+            text.parse::<u32>().map_err(wrong)
+        };
+        let domain = Domain::new(&text("MIRADOR_DOMAIN")?)
+            .map_err(|e| EnvironmentError { variable: "MIRADOR_DOMAIN", reason: format!("is wrong ({e})") })?;
+        Ok(Self {
+            name: text("MIRADOR_NAME")?,
+            domain,
+            incarnation: number("MIRADOR_INCARNATION")?,
+            sizes: Sizes { scan_points: number("MIRADOR_MAX_POINTS")? as usize },
+            wake: Wake::Event,
+            run_dir: text("MIRADOR_RUN_DIR")?.into(),
+            run: number("MIRADOR_RUN")?,
+            threads: number("MIRADOR_THREADS")? as usize,
+            stop,
+        })
+    }
+
     /// Joins the domain.
     ///
     /// # Errors
@@ -194,6 +237,30 @@ impl Usage {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_program_learns_its_place_from_its_environment_or_what_is_missing() {
+        let variable = |name: &'static str| {
+            let value = match name {
+                "MIRADOR_NAME" => "alignment",
+                "MIRADOR_DOMAIN" => "yard",
+                "MIRADOR_RUN_DIR" => "/tmp/run",
+                _ => "7",
+            };
+            Some(value.to_owned())
+        };
+        let setup = ServiceSetup::from_variables(StopSignal::default(), &variable).unwrap();
+        assert_eq!((setup.name.as_str(), setup.domain.name(), setup.incarnation), ("alignment", "yard", 7));
+        assert_eq!((setup.sizes.scan_points, setup.threads), (7, 7));
+        let without = |missing: &'static str| {
+            let get = move |name| if name == missing { None } else { variable(name) };
+            ServiceSetup::from_variables(StopSignal::default(), &get).map(|_| ()).unwrap_err().to_string()
+        };
+        assert!(without("MIRADOR_RUN").starts_with("MIRADOR_RUN is not set: this program is started by mirador"));
+        let wrong = |name| if name == "MIRADOR_MAX_POINTS" { Some("many".into()) } else { variable(name) };
+        let error = ServiceSetup::from_variables(StopSignal::default(), &wrong).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains("MIRADOR_MAX_POINTS is no number (many)"), "{error}");
+    }
 
     #[test]
     fn a_process_knows_its_memory_and_time() {

@@ -143,6 +143,18 @@ macro_rules! topics {
     };
 }
 
+/// The 64-bit schema hash of a topic: two builds that agree on it agree on every field.
+#[must_use]
+pub fn schema_hash<T: Topic>() -> u64 {
+    crate::layout::hash(&describe::<T>())
+}
+
+/// What an answer to a registration request says it was made with, see [`m::RegistrationResult`].
+#[must_use]
+pub fn registration_schema() -> u32 {
+    (schema_hash::<RegistrationRequest>() ^ schema_hash::<RegistrationResult>()) as u32
+}
+
 /// The JSON description of a topic's message, and what its schema hash is made from.
 #[must_use]
 pub fn describe<T: Topic>() -> String {
@@ -184,12 +196,15 @@ topics! {
     /// Corrected poses of older scans.
     PoseCorrections = "pose_corrections" from "alignment": Envelope [PoseCorrection; Fixed(1024)],
         pub 1 sub 6 buffer 4 borrowed 2 history 4 loaned 1 WAIT;
-    /// Work for a foreign registration.
-    RegistrationRequest = "registration_request" from "": RegistrationRequestMeta [KeyframePoint; Keyframes],
-        pub 1 sub 2 buffer 2 borrowed 2 history 0 loaned 1 WAIT;
+    /// Work for a foreign registration: both keyframes, written once. Nobody waits for a reader that hangs.
+    RegistrationRequest = "registration_request" from "alignment": RegistrationRequestMeta [KeyframePoint; Keyframes],
+        pub 1 sub 3 buffer 1 borrowed 2 history 0 loaned 1 DROP;
     /// Its answer.
     RegistrationResult = "registration_result" from "": Envelope [RegistrationResult; Fixed(1)],
-        pub 2 sub 2 buffer 4 borrowed 2 history 0 loaned 1 WAIT;
+        pub 2 sub 3 buffer 4 borrowed 2 history 0 loaned 1 DROP;
+    /// How it is doing.
+    RegistrationStatus = "registration_status" from "alignment": Envelope [RegistrationStatus; Fixed(1)],
+        pub 1 sub 6 buffer 4 borrowed 2 history 1 loaned 1 LAST;
     /// Scores of every point of a scan.
     ScoredScan = "scored_scan" from "analysis": ScoredScanMeta [PointScore; ScanCells],
         pub 1 sub 5 buffer 2 borrowed 2 history 1 loaned 1 WAIT;
@@ -207,7 +222,7 @@ topics! {
         pub 1 sub 6 buffer 4 borrowed 2 history 1 loaned 1 WAIT;
     /// Asks planning to decide again.
     ReplanRequests = "replan_request" from "": Envelope [ReplanRequest; Fixed(1)],
-        pub 8 sub 2 buffer 8 borrowed 2 history 0 loaned 1 WAIT;
+        pub 8 sub 4 buffer 8 borrowed 2 history 0 loaned 1 WAIT;
     /// Wheel odometry.
     Odometry = "odometry" from "simulator": Envelope [Odometry; Fixed(64)],
         pub 2 sub 6 buffer 64 borrowed 2 history 0 loaned 2 DROP;

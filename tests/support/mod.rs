@@ -7,6 +7,8 @@
 pub mod moving;
 pub mod observer;
 pub mod outputs;
+pub mod page;
+pub mod python;
 
 use std::fs;
 use std::io::Write;
@@ -181,6 +183,17 @@ pub fn eventually(what: &str, mut condition: impl FnMut() -> bool) {
 pub fn summary(out: &Path) -> Value {
     let text = fs::read_to_string(out.join("summary.json")).unwrap();
     serde_json::from_str(&text).unwrap()
+}
+
+/// Scan, inode and offset of every payload that a log of JSON lines tells of with this message.
+pub fn places_of(log: &str, message: &str) -> Vec<(u64, u64, u64)> {
+    let lines = log.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let told = lines.map(|line| line["fields"].clone()).filter(|fields| fields["message"] == message);
+    told.map(|fields| {
+        let number = |name: &str| fields[name].as_u64().unwrap_or_else(|| panic!("no {name}: {fields}"));
+        (number("scan"), number("inode"), number("offset"))
+    })
+    .collect()
 }
 
 /// A folder of the shared data, or `None` with a plain word when it is absent. With `MIRADOR_DATA_REQUIRED=1` absence

@@ -14,6 +14,7 @@
 mod alignment;
 pub mod coarse;
 mod config;
+pub mod conformance;
 mod evidence;
 pub mod global;
 mod information;
@@ -31,8 +32,6 @@ mod walk;
 
 #[cfg(test)]
 mod bad_input;
-#[cfg(test)]
-mod conformance;
 #[cfg(test)]
 mod real_data;
 #[cfg(test)]

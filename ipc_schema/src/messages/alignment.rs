@@ -225,7 +225,7 @@ message! {
 
 message! {
     /// The answer to a registration request.
-    pub struct RegistrationResult: "mirador/RegistrationResult/1", size 456 {
+    pub struct RegistrationResult: "mirador/RegistrationResult/2", size 456 {
         /// The request this answers.
         pub request: u64,
         /// target_from_source, row-major 4x4.
@@ -240,9 +240,61 @@ message! {
         pub iterations: u32,
         /// 1 when converged.
         pub converged: u32,
-        /// As in [`AlignmentMeta`].
+        /// As in [`AlignmentMeta`]. Only reported: alignment finds out by itself.
         pub constrained: u32,
-        /// Not used.
-        pub reserved: u32,
+        /// The schema that the answering process was built with: the lower halves of the schema hashes of
+        /// `registration_request` and `registration_result`, combined by exclusive or.
+        pub schema: u32,
+    }
+}
+
+/// Nobody answers: the process is not there, or has ended.
+pub const REGISTRATION_ABSENT: usize = 0;
+/// The process ended while it was asked.
+pub const REGISTRATION_DIED: usize = 1;
+/// No answer came in time.
+pub const REGISTRATION_LATE: usize = 2;
+/// The answer was to an older request, or to one that was never made.
+pub const REGISTRATION_OUTDATED: usize = 3;
+/// The pose or what goes with it holds a value that is not finite.
+pub const REGISTRATION_NOT_FINITE: usize = 4;
+/// The pose is not a rigid motion.
+pub const REGISTRATION_NOT_RIGID: usize = 5;
+/// The covariance is not symmetric and positive definite.
+pub const REGISTRATION_COVARIANCE: usize = 6;
+/// The pose lies outside the limits of the request.
+pub const REGISTRATION_OUTSIDE: usize = 7;
+/// The scans fit worse at the pose than at the start, or the built-in method found what the answer had missed.
+pub const REGISTRATION_WRONG: usize = 8;
+/// Far more answers came than were asked for.
+pub const REGISTRATION_FLOOD: usize = 9;
+/// The answer was made by another version of the messages.
+pub const REGISTRATION_SCHEMA: usize = 10;
+/// The request could not be sent.
+pub const REGISTRATION_NOT_SENT: usize = 11;
+/// It was not asked, since it had failed several times in a row.
+pub const REGISTRATION_PAUSED: usize = 12;
+
+message! {
+    /// How a foreign registration is doing, over the whole run.
+    pub struct RegistrationStatus: "mirador/RegistrationStatus/1", size 440 {
+        /// Name of the built-in method that takes its place.
+        pub fallback: [u8; 32],
+        /// Alignments that were to be made.
+        pub questions: u64,
+        /// Of these, those by an answer.
+        pub answered: u64,
+        /// Of these, those by the built-in method.
+        pub fallbacks: u64,
+        /// Of those by the built-in method, how many for which reason; the places are the `REGISTRATION_*` constants.
+        pub faults: [u64; 13],
+        /// From request to answer, the last one [ns].
+        pub last_answer_ns: u64,
+        /// From request to answer, all together [ns].
+        pub total_answer_ns: u64,
+        /// From request to answer, the longest [ns].
+        pub max_answer_ns: u64,
+        /// The last fault in words; empty while there was none.
+        pub last_fault: [u8; 256],
     }
 }

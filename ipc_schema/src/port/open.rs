@@ -6,8 +6,7 @@ use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pat
 
 use super::Ipc;
 use crate::domain::Domain;
-use crate::layout;
-use crate::topics::{Lag, Topic, describe};
+use crate::topics::{self, Lag, Topic};
 
 pub(super) type PubSub<T> = publish_subscribe::PortFactory<Ipc, [<T as Topic>::Item], <T as Topic>::Meta>;
 pub(super) type Event = event::PortFactory<Ipc>;
@@ -66,7 +65,7 @@ pub enum PortError {
 
 /// The schema hash as it travels in the service's attributes.
 fn schema_hash<T: Topic>() -> String {
-    format!("{:016x}", layout::hash(&describe::<T>()))
+    format!("{:016x}", topics::schema_hash::<T>())
 }
 
 /// The alignment of the slices: as large as the items allow, at most a cache line. iceoryx2 rounds the size of every

@@ -48,6 +48,7 @@ pub struct Subscriber<T: Topic> {
     listener: Option<Listener<Ipc>>,
     counters: Arc<Counters>,
     origins: RefCell<Vec<Origin>>,
+    service: open::PubSub<T>,
 }
 
 impl<T: Topic> Subscriber<T> {
@@ -65,7 +66,14 @@ impl<T: Topic> Subscriber<T> {
         };
         let port =
             service.subscriber_builder().buffer_size(rules.buffer).create().map_err(|e| full(format!("{e:?}")))?;
-        Ok(Self { port, listener, counters: Arc::clone(&participant.counters), origins: RefCell::new(Vec::new()) })
+        let counters = Arc::clone(&participant.counters);
+        Ok(Self { port, listener, counters, origins: RefCell::new(Vec::new()), service })
+    }
+
+    /// How many publish the topic; one that was killed counts until somebody has cleaned up after it.
+    #[must_use]
+    pub fn publishers(&self) -> usize {
+        self.service.dynamic_config().number_of_publishers()
     }
 
     /// The next message, if there is one. It stays in the publisher's segment; dropping it frees the slot.
@@ -121,7 +129,7 @@ impl<T: Topic> Subscriber<T> {
     /// the count: what was sent before this reader came was never meant for it.
     fn count_gap(&self, publisher: u128, header: &Header) {
         let mut origins = self.origins.borrow_mut();
-        let next_sequence = header.sequence + 1;
+        let next_sequence = header.sequence.saturating_add(1);
         let Some(origin) = origins.iter_mut().find(|o| o.publisher == publisher) else {
             origins.push(Origin { publisher, next_sequence });
             return;

@@ -7,6 +7,8 @@ use mirador_core::slam6d::continuous::{ContinuousConfig, RelocalisationConfig};
 use mirador_core::slam6d::global::GlobalConfig;
 use serde::{Deserialize, Serialize};
 
+use crate::ExternalConfig;
+
 /// What a scan is aligned to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -24,8 +26,10 @@ pub enum AlignmentMode {
 pub struct AlignmentConfig {
     /// What a scan is aligned to.
     pub mode: AlignmentMode,
-    /// Name of the registration method.
+    /// Name of the registration method; `external` asks another process.
     pub registration: String,
+    /// Which process, and what happens when its answer is wrong, late or absent.
+    pub external: ExternalConfig,
     /// Older scans are corrected after the plan of the newest, which then has the cores to itself. Switched off in a
     /// graph without planning.
     pub correct_after_plan: bool,
@@ -50,6 +54,7 @@ impl Default for AlignmentConfig {
         Self {
             mode: AlignmentMode::Scan,
             registration: "gicp".into(),
+            external: ExternalConfig::default(),
             correct_after_plan: true,
             plan_patience_ms: 1000,
             method: RegistrationConfig::default(),
@@ -69,6 +74,7 @@ impl AlignmentConfig {
     /// Names the first value that is wrong, and what would be right.
     pub fn validate(&self) -> Result<(), ConfigError> {
         ConfigError::check("plan_patience_ms", f64::from(self.plan_patience_ms), 0.0, 60_000.0)?;
+        self.external.validate()?;
         self.method.validate()?;
         self.sequential.validate()?;
         self.global.validate()?;
@@ -85,11 +91,23 @@ impl AlignmentConfig {
         ContinuousConfig { odometry, keyframes: self.keyframes.clone(), relocalisation }
     }
 
+    /// Whether another process is asked.
+    #[must_use]
+    pub fn is_external(&self) -> bool {
+        self.registration == crate::EXTERNAL
+    }
+
+    /// Name of the method that is called in this process: it takes the place of another one's that fails.
+    #[must_use]
+    pub fn own_method(&self) -> &str {
+        if self.is_external() { &self.external.fallback } else { &self.registration }
+    }
+
     /// Checks the name of the method.
     ///
     /// # Errors
     /// Lists the names there are.
     pub fn check(&self, registry: &Registry) -> Result<(), RegistryError> {
-        registry.create(&self.registration, &self.method).map(|_| ())
+        registry.create(self.own_method(), &self.method).map(|_| ())
     }
 }

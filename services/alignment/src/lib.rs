@@ -6,6 +6,7 @@
 
 mod aligner;
 mod config;
+mod external;
 mod intake;
 mod journal;
 mod messages;
@@ -14,4 +15,5 @@ mod service;
 mod state;
 
 pub use config::{AlignmentConfig, AlignmentMode};
+pub use external::{ExternalConfig, FAULT_WORDS, NAME as EXTERNAL};
 pub use service::run;

@@ -23,12 +23,11 @@ const TARGET_TIMEOUT: Duration = Duration::from_secs(20);
 pub(crate) fn make_aligner(
     setup: &ServiceSetup,
     config: &AlignmentConfig,
-    registry: &Registry,
+    method: Box<dyn Registration>,
     participant: &Participant,
     scans: &Subscriber<topics::Scan>,
     saved: &mut Saved,
 ) -> Result<Aligner, ServiceError> {
-    let method = make_method(setup, config, registry)?;
     let mut global = config.global.clone();
     global.coarse.threads = setup.threads;
     let again = Again { setup, participant, scans };
@@ -38,14 +37,14 @@ pub(crate) fn make_aligner(
     }
 }
 
-/// The registration method, as often as it is asked for.
+/// The registration method of this process, as often as it is asked for.
 pub(crate) fn make_method(
     setup: &ServiceSetup,
     config: &AlignmentConfig,
     registry: &Registry,
 ) -> Result<Box<dyn Registration>, ServiceError> {
     let method = RegistrationConfig { threads: setup.threads, ..config.method.clone() };
-    registry.create(&config.registration, &method).map_err(|e| ServiceError::Config(e.to_string()))
+    registry.create(config.own_method(), &method).map_err(|e| ServiceError::Config(e.to_string()))
 }
 
 fn scan_aligner(

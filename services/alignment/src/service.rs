@@ -14,6 +14,7 @@ use mirador_ipc_schema::{Participant, Publisher, Subscriber, Topic, clock, topic
 use mirador_service_common::{ServiceError, log_place, nanoseconds};
 
 use crate::aligner::Aligner;
+use crate::external::{About, External, Link, Rules, Tally};
 use crate::intake::{Intake, Ready};
 use crate::messages::{self, Facts};
 use crate::restart::{make_aligner, make_method};
@@ -44,6 +45,9 @@ pub fn run(setup: &ServiceSetup, config: &AlignmentConfig, registry: &Registry) 
         alignment.receive_plans()?;
         alignment.correct(&participant)?;
         alignment.outbox.serve_late_joiners();
+        if let Some(external) = &alignment.external {
+            external.status.serve_late_joiners();
+        }
         alignment.health.heartbeat(&participant);
     }
     Ok(())
@@ -82,6 +86,19 @@ impl Outbox {
     }
 }
 
+/// What the service knows of a foreign registration.
+struct Foreign {
+    tally: Tally,
+    status: Publisher<topics::RegistrationStatus>,
+}
+
+impl Foreign {
+    /// Tells how it is doing.
+    fn tell(&self, header: Header) -> Result<(), ServiceError> {
+        Ok(self.status.send_one(Envelope { header }, self.tally.status())?)
+    }
+}
+
 struct Alignment<'a> {
     setup: &'a ServiceSetup,
     config: &'a AlignmentConfig,
@@ -91,6 +108,7 @@ struct Alignment<'a> {
     outbox: Outbox,
     health: HealthReporter,
     aligner: Aligner,
+    external: Option<Foreign>,
     store: Store,
     last: LastMessages,
     /// Priors by the id of their scan.
@@ -117,8 +135,20 @@ impl<'a> Alignment<'a> {
         let plans = participant.subscriber()?;
         let mut health = HealthReporter::open(participant, &setup.name)?;
         let (store, mut saved) = Store::open(setup)?;
+        let mut method = make_method(setup, config, registry)?;
+        let mut external = None;
+        if config.is_external() {
+            let tally = Tally::new(method.name());
+            let link = Link::open(participant, config.external.deadline_ms)?;
+            wait_for_foreign(participant, config, &link, &mut health);
+            let (acceptance, final_pair_distance_m) =
+                (config.sequential.acceptance, config.method.final_pair_distance_m);
+            let rules = Rules { acceptance, final_pair_distance_m };
+            method = Box::new(External::new(method, link, tally.clone(), rules));
+            external = Some(Foreign { tally, status: participant.publisher()? });
+        }
         health.message("going on from old scans");
-        let aligner = make_aligner(setup, config, registry, participant, &scans, &mut saved)?;
+        let aligner = make_aligner(setup, config, method, participant, &scans, &mut saved)?;
         health.message("");
         let outbox = Outbox {
             poses: participant.publisher()?,
@@ -140,6 +170,7 @@ impl<'a> Alignment<'a> {
             outbox,
             health,
             aligner,
+            external,
             store,
             last: saved.last,
             prior_of: BTreeMap::new(),
@@ -194,7 +225,16 @@ impl<'a> Alignment<'a> {
             tracing::warn!(scan = number, "the announced prior did not come; going on without");
         }
         let begin = Instant::now();
-        let aligned = self.aligner.align(&scan, prepared, prior);
+        if let Some(external) = &self.external {
+            let target_id = self.aligner.target_id().unwrap_or(u64::MAX);
+            external.tally.set_about(About { source: *scan.header(), target_id });
+        }
+        let mut aligned = self.aligner.align(&scan, prepared, prior);
+        if let Some(external) = &self.external {
+            aligned.record.method = external.tally.last_method().to_owned();
+            external.tally.set_about(About::older_scans());
+            external.tell(Header::about(scan.header(), began_ns))?;
+        }
         let facts = Facts {
             header: Header::about(scan.header(), began_ns),
             keyframe: self.aligner.keyframe(),
@@ -218,7 +258,7 @@ impl<'a> Alignment<'a> {
     /// So that whoever watches the graph sees it, too.
     fn say_whether_lost(&mut self) {
         match self.aligner.lost_scans() {
-            0 => self.health.message(""),
+            0 => self.health.message(&self.external.as_ref().map_or_else(String::new, |e| e.tally.words())),
             lost => self.health.message(&format!("lost for {lost} scans: looking for the place among the keyframes")),
         }
     }
@@ -284,6 +324,9 @@ impl<'a> Alignment<'a> {
         pairs.truncate(self.outbox.loops.capacity());
         let meta = messages::loop_closing(record, header, nanoseconds(time));
         send(&self.outbox.loops, meta, &pairs)?;
+        if let Some(external) = &self.external {
+            external.tell(header)?;
+        }
         self.last.corrections = messages::to_bytes(&Envelope { header }, &corrections);
         self.last.loop_closing = messages::to_bytes(&meta, &pairs);
         Ok(())
@@ -308,6 +351,20 @@ impl<'a> Alignment<'a> {
             last: &self.last,
         };
         Ok(self.store.save(&entries, progress)?)
+    }
+}
+
+/// Waits for a foreign registration to be there, once: later its absence is no reason to wait.
+fn wait_for_foreign(participant: &Participant, config: &AlignmentConfig, link: &Link, health: &mut HealthReporter) {
+    let (begin, patience) = (Instant::now(), Duration::from_millis(config.external.start_timeout_ms.into()));
+    health.message("waiting for the external registration");
+    while !link.is_answered() && !participant.stop().is_set() {
+        if begin.elapsed() >= patience {
+            tracing::warn!(waited_ms = config.external.start_timeout_ms, "no external registration has come");
+            return;
+        }
+        link.wait_for_somebody();
+        health.heartbeat(participant);
     }
 }
 

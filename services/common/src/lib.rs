@@ -10,7 +10,7 @@ pub mod view;
 pub use checkpoint::CheckpointError;
 pub use error::ServiceError;
 pub use in_order::InOrder;
-pub use place::log_place;
+pub use place::{log_keyframes, log_place};
 
 /// A time in whole nanoseconds, as messages carry it.
 #[must_use]

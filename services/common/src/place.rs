@@ -11,3 +11,12 @@ pub fn log_place(number: u32, location: impl FnOnce() -> Option<SegmentLocation>
         tracing::debug!(scan = number, inode = place.inode, offset = place.offset, "payload");
     }
 }
+
+/// As [`log_place`], for the keyframes of a request about a scan.
+pub fn log_keyframes(number: u32, location: impl FnOnce() -> Option<SegmentLocation>) {
+    if tracing::enabled!(tracing::Level::DEBUG)
+        && let Some(place) = location()
+    {
+        tracing::debug!(scan = number, inode = place.inode, offset = place.offset, "keyframes");
+    }
+}

@@ -109,6 +109,12 @@ impl Session<'_> {
             let message = "the graph runs nothing: write a table for every service, for example [services.acquisition]";
             return Err(usage(&message).into());
         }
+        if self.graph.alignment.is_external()
+            && let Some(entry) = self.graph.programs.get_mut(&self.graph.alignment.external.program)
+        {
+            // Without it alignment goes on by its fallback method.
+            entry.optional = true;
+        }
         let known = match self.graph.acquisition.source {
             SourceKind::Robot => self.prepare_robot()?,
             SourceKind::Scene | SourceKind::Replay => self.prepare_source()?,
@@ -233,6 +239,7 @@ impl Session<'_> {
             truth_cells: known.truth_cells,
             robot_from_scanner: known.robot_from_scanner,
             restarts: outcome.restarts,
+            registration: outcome.registration.clone(),
             services: outcome.services.clone(),
             interrupted: outcome.ended == Ended::Interrupted,
             fault: match &outcome.ended {
@@ -302,6 +309,9 @@ fn print_summary(summary: &Summary, run_dir: &Path, outcome: &RunOutcome) {
     );
     if let Some(errors) = &summary.errors {
         println!("error against the truth: {:.3} m, {:.3} deg rmse", errors.ate_rmse_m, errors.ate_rmse_deg);
+    }
+    if let Some(registration) = &summary.registration {
+        println!("{registration}");
     }
     println!("results: {} (open report.html)", run_dir.display());
 }

@@ -134,6 +134,19 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
             return fail(&format!("{table}.{name}.{key}"), message);
         }
     }
+    if let Some((name, _)) = graph.services.entries().into_iter().find(|(_, entry)| entry.optional) {
+        let message = "a service is not optional: leave its table out where it is not needed".into();
+        return fail(&format!("services.{name}.optional"), message);
+    }
+    let external = &graph.alignment.external.program;
+    if graph.alignment.is_external() && !external.is_empty() && !graph.programs.contains_key(external) {
+        let message = format!(
+            "the external registration is to be answered by the program '{external}', which is missing: write \
+             [programs.{external}] with its command, or name another in alignment.external.program (\"\" when it is \
+             started by hand)"
+        );
+        return fail("alignment.registration", message);
+    }
     if let Some((name, _)) = graph.programs.iter().find(|(_, e)| e.command.is_empty()) {
         return fail(
             &format!("programs.{name}.command"),
@@ -165,6 +178,11 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
 fn check_entry(entry: &ServiceEntry) -> Result<(), (&'static str, String)> {
     if entry.threads == 0 || entry.threads > 256 {
         return Err(("threads", format!("{} is outside 1 to 256", entry.threads)));
+    }
+    // Services report every 50 ms; nobody is held up for less than a few times that.
+    if entry.health_timeout_ms != 0 && !(200..=3_600_000).contains(&entry.health_timeout_ms) {
+        let message = format!("{} is neither 0 (never) nor between 200 and 3,600,000", entry.health_timeout_ms);
+        return Err(("health_timeout_ms", message));
     }
     Ok(())
 }
@@ -215,6 +233,28 @@ mod tests {
         let message = error("config_version = 1\n[alignment]\nregistration = \"magic\"\n");
         assert!(message.starts_with("graph.toml:3: alignment.registration:"), "{message}");
         assert!(message.contains("magic") && message.contains("point_to_plane"), "{message}");
+    }
+
+    #[test]
+    fn an_external_registration_without_a_program_is_told_what_to_write() {
+        let message = error("config_version = 1\n[alignment]\nregistration = \"external\"\n");
+        assert!(message.starts_with("graph.toml:3: alignment.registration:"), "{message}");
+        assert!(message.contains("[programs.registration]"), "{message}");
+        let registry = Registry::default();
+        let text = "config_version = 1\n[alignment]\nregistration = \"external\"\nexternal.program = \"\"\n";
+        assert!(load_text(text, "g", &[], &registry).unwrap().alignment.is_external());
+        let message = error(
+            "config_version = 1\n[alignment]\nregistration = \"external\"\nexternal.fallback = \"x\"\nexternal.program = \"\"\n",
+        );
+        assert!(message.contains("`x`") && message.contains("gicp"), "{message}");
+    }
+
+    #[test]
+    fn a_service_cannot_be_optional_and_a_health_timeout_cannot_be_shorter_than_a_few_reports() {
+        let message = error("config_version = 1\n[services.planning]\noptional = true\n");
+        assert!(message.starts_with("graph.toml:3: services.planning.optional:"), "{message}");
+        let message = error("config_version = 1\n[programs.a]\ncommand = [\"true\"]\nhealth_timeout_ms = 60\n");
+        assert!(message.starts_with("graph.toml:4: programs.a.health_timeout_ms: 60"), "{message}");
     }
 
     #[test]

@@ -177,11 +177,25 @@ pub struct ServiceEntry {
     pub restart: RestartPolicy,
     /// Most restarts within a minute; one more ends the run.
     pub max_restarts: u32,
+    /// Once it has reported its health, it is ended, and started again as its rule says, when it reports nothing for
+    /// this time; 0 never [ms].
+    pub health_timeout_ms: u32,
+    /// Only for programs: the run goes on without it when it may not be started again.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub optional: bool,
 }
 
 impl Default for ServiceEntry {
     fn default() -> Self {
-        Self { command: Vec::new(), cores: Vec::new(), threads: 1, restart: RestartPolicy::OnFailure, max_restarts: 5 }
+        Self {
+            command: Vec::new(),
+            cores: Vec::new(),
+            threads: 1,
+            restart: RestartPolicy::OnFailure,
+            max_restarts: 5,
+            health_timeout_ms: 0,
+            optional: false,
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use std::time::Duration;
 use mirador_core::geometry::Pose;
 use serde::Serialize;
 
+use super::RegistrationTotals;
 use super::run_data::RunData;
 
 /// What one service did in a run, added up over its restarts.
@@ -47,6 +48,8 @@ pub struct RunFacts {
     pub truth_cells: Option<Vec<[f64; 2]>>,
     /// Restarts of all services together.
     pub restarts: u32,
+    /// How a foreign registration did; `None` where there was none.
+    pub registration: Option<RegistrationTotals>,
     /// Every service.
     pub services: Vec<ServiceTotals>,
     /// The user ended the run.

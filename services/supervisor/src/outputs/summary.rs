@@ -8,6 +8,7 @@ use mirador_ipc_schema::text;
 use nalgebra::Point3;
 use serde::Serialize;
 
+use super::RegistrationTotals;
 use super::facts::{RunFacts, ServiceTotals};
 use super::latency::{Quantiles, STAGES};
 use super::run_data::{RunData, SourceEnd};
@@ -61,6 +62,8 @@ pub struct Summary {
     pub lost_messages: u64,
     /// Messages that all services could not deliver.
     pub undelivered_messages: u64,
+    /// How a foreign registration did; null where there was none.
+    pub registration: Option<RegistrationTotals>,
     /// Restarts of all services.
     pub restarts: u32,
     /// The user ended the run.
@@ -143,6 +146,7 @@ impl Summary {
             copied_payload_bytes: total(|s| s.copied_payload_bytes),
             lost_messages: total(|s| s.lost_messages),
             undelivered_messages: total(|s| s.undelivered_messages),
+            registration: facts.registration.clone(),
             restarts: facts.restarts,
             interrupted: facts.interrupted,
             recording_complete: data.complete,

@@ -30,6 +30,10 @@ pub struct Launch {
     pub run: u32,
     /// The run directory.
     pub run_dir: PathBuf,
+    /// The graph's domain.
+    pub domain: String,
+    /// Points of the largest scan.
+    pub max_points: usize,
 }
 
 impl Launch {
@@ -50,6 +54,11 @@ impl Launch {
             command.arg("--").args(&self.entry.command);
             command.env("MIRADOR_INCARNATION", incarnation.to_string());
             command.env("MIRADOR_RUN_DIR", &self.run_dir);
+            command.env("MIRADOR_NAME", &self.name);
+            command.env("MIRADOR_DOMAIN", &self.domain);
+            command.env("MIRADOR_RUN", self.run.to_string());
+            command.env("MIRADOR_MAX_POINTS", self.max_points.to_string());
+            command.env("MIRADOR_THREADS", self.entry.threads.to_string());
         }
         // A group of its own: Ctrl-C in the terminal reaches the supervisor, which ends the others in order.
         command.process_group(0).stdin(Stdio::null()).stdout(Stdio::null()).stderr(self.log()?);

@@ -3,7 +3,9 @@
 mod child;
 mod monitor;
 mod process;
+mod registration;
 mod run;
 
 pub use process::{die_with_parent, exec_child, pin_to};
+pub use registration::RegistrationTally;
 pub use run::{Ended, RunOutcome, RunPlan, Seat, check_slots, run};

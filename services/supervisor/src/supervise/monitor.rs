@@ -2,11 +2,13 @@
 
 use std::any::Any;
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 use anyhow::Result;
-use mirador_ipc_schema::messages::{CLOCK_ENDED, CLOCK_FAULT, SERVICE_FAILED, ServiceHealth};
-use mirador_ipc_schema::{Participant, Subscriber, Wakeable, text, topics};
+use mirador_ipc_schema::messages::{CLOCK_ENDED, CLOCK_FAULT, Envelope, Header, SERVICE_FAILED, ServiceHealth};
+use mirador_ipc_schema::{Participant, Publisher, Subscriber, Wakeable, text, topics};
 
+use super::registration::RegistrationTally;
 use crate::outputs::ServiceTotals;
 
 /// The counters of one service, summed over its incarnations.
@@ -42,6 +44,13 @@ pub struct Monitor {
     plans: Subscriber<topics::ViewPlan>,
     navigation: Subscriber<topics::NavigationStatus>,
     robot: Subscriber<topics::RobotState>,
+    registrations: Subscriber<topics::RegistrationStatus>,
+    /// For those who cannot speak any more.
+    obituaries: Publisher<topics::ServiceHealth>,
+    /// What is said of programs that have ended and stay so.
+    lost: BTreeMap<String, ServiceHealth>,
+    /// When a process was last heard.
+    heard: BTreeMap<String, Instant>,
     /// Counters of every service.
     tallies: BTreeMap<String, Tally>,
     /// Scans the source will deliver; 0 while unknown.
@@ -57,6 +66,8 @@ pub struct Monitor {
     /// What the robot does and how far it has driven, in a few words; empty where none drives.
     pub driving: String,
     driven_m: Driven,
+    /// How a foreign registration does.
+    pub registration: RegistrationTally,
     /// Keeps every topic alive, so that its rules hold although its users come and go.
     _topics: Vec<Box<dyn Any>>,
 }
@@ -112,6 +123,11 @@ impl Monitor {
             plans: participant.subscriber()?,
             navigation: participant.subscriber()?,
             robot: participant.subscriber()?,
+            registrations: participant.subscriber()?,
+            obituaries: participant.publisher()?,
+            lost: BTreeMap::new(),
+            heard: BTreeMap::new(),
+            registration: RegistrationTally::default(),
             tallies: BTreeMap::new(),
             scans_expected: 0,
             scans_planned: 0,
@@ -134,6 +150,7 @@ impl Monitor {
         while let Some(message) = self.health.receive()? {
             for health in message.items() {
                 let name = text::unpack(&health.service);
+                self.heard.insert(name.to_owned(), Instant::now());
                 self.tallies.entry(name.to_owned()).or_default().take_in(health);
                 if health.state == SERVICE_FAILED && INDISPENSABLE.contains(&name) {
                     self.fault = Some(text::unpack(&health.message).to_owned());
@@ -158,6 +175,11 @@ impl Monitor {
                 self.decision = format!("{}, {known} cells known, quality {quality:.0} %", self.decision);
             }
         }
+        while let Some(message) = self.registrations.receive()? {
+            for status in message.items() {
+                self.registration.take_in(message.header().incarnation, status);
+            }
+        }
         while let Some(message) = self.robot.receive()? {
             if message.items().iter().any(|robot| robot.tipped != 0) {
                 self.fault.get_or_insert_with(|| "the robot has tipped over".into());
@@ -170,6 +192,38 @@ impl Monitor {
             }
         }
         Ok(())
+    }
+
+    /// How long nothing was heard of a process that was heard of before.
+    pub fn silent_for(&self, name: &str) -> Option<Duration> {
+        self.heard.get(name).map(Instant::elapsed)
+    }
+
+    /// A process is another from now on, and was not heard of.
+    pub fn forget(&mut self, name: &str) {
+        self.heard.remove(name);
+    }
+
+    /// Says of a program that has ended, and stays so, why it has.
+    pub fn mourn(&mut self, name: &str, cause: &str) {
+        let health = ServiceHealth {
+            service: text::pack(name),
+            state: SERVICE_FAILED,
+            message: text::pack(cause),
+            ..ServiceHealth::default()
+        };
+        self.lost.insert(name.to_owned(), health);
+        self.repeat_losses();
+    }
+
+    /// Says again of whom it was said, for those who came later.
+    pub fn repeat_losses(&self) {
+        self.obituaries.serve_late_joiners();
+        for health in self.lost.values() {
+            if let Err(error) = self.obituaries.send_one(Envelope { header: Header::new(0, 0) }, *health) {
+                tracing::debug!(%error, "the end of a program was not told");
+            }
+        }
     }
 
     /// The counters of a service, with its name and restarts filled in.

@@ -14,7 +14,7 @@ use super::child::{Fate, Launch, Supervised, last_line};
 use super::monitor::Monitor;
 use crate::UsageError;
 use crate::graph::Graph;
-use crate::outputs::ServiceTotals;
+use crate::outputs::{RegistrationTotals, ServiceTotals};
 
 /// How often the supervisor looks after its children when nothing wakes it.
 const LOOK: Duration = Duration::from_millis(20);
@@ -54,6 +54,8 @@ pub struct RunOutcome {
     pub ended: Ended,
     /// Counters of every service.
     pub services: Vec<ServiceTotals>,
+    /// How a foreign registration did; `None` where there was none.
+    pub registration: Option<RegistrationTotals>,
     /// Starts after deaths, over all services.
     pub restarts: u32,
     /// From the start of the first service to the end of the last.
@@ -79,7 +81,10 @@ impl Seat {
         // Between looking whether a domain is free and being seen in it nobody else may look.
         let _turn = turn_of(&domain)?;
         claim(&domain)?;
-        let names: Vec<&str> = graph.services.entries().iter().map(|(name, _)| *name).collect();
+        let mut names: Vec<&str> = graph.services.entries().iter().map(|(name, _)| *name).collect();
+        if graph.alignment.is_external() && graph.services.alignment.is_some() {
+            names.push(budget::FOREIGN_REGISTRATION);
+        }
         budget::check(&names, &sizes).map_err(|e| UsageError(e.to_string()))?;
         let participant = Participant::join(domain.clone(), "supervisor", 0, sizes, Wake::Event, stop.clone())?;
         Ok(Self { domain, participant: Some(participant) })
@@ -108,10 +113,10 @@ pub fn run(plan: &RunPlan, mut seat: Seat) -> Result<RunOutcome> {
     let participant = seat.participant.as_ref().context("the seat was given up")?;
     let result = run_joined(plan, participant);
     let left = seat.leave();
-    let (ended, services) = result?;
+    let (ended, services, registration) = result?;
     left?;
     let restarts = services.iter().map(|s| s.restarts).sum();
-    Ok(RunOutcome { ended, services, restarts, wall: begin.elapsed() })
+    Ok(RunOutcome { ended, services, registration, restarts, wall: begin.elapsed() })
 }
 
 /// Waits for the right to look into a domain and to join it; it ends when the file is closed. Other graphs of this user
@@ -143,7 +148,10 @@ fn claim(domain: &Domain) -> Result<()> {
     Ok(())
 }
 
-fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Vec<ServiceTotals>)> {
+/// What a run leaves: why it ended, and the counters of services and of a foreign registration.
+type Left = (Ended, Vec<ServiceTotals>, Option<RegistrationTotals>);
+
+fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<Left> {
     let mut monitor = Monitor::open(participant)?;
     let mut children = start_all(plan)?;
     let watched = watch(plan, participant, &mut monitor, &mut children);
@@ -153,7 +161,7 @@ fn run_joined(plan: &RunPlan, participant: &Participant) -> Result<(Ended, Vec<S
         *reason = in_full(reason, &children).replace('\n', " ");
     }
     let totals = children.iter().rev().map(|c| monitor.totals_of(&c.launch.name, c.restarts()));
-    Ok((ended, totals.collect()))
+    Ok((ended, totals.collect(), monitor.registration.totals()))
 }
 
 fn start_all(plan: &RunPlan) -> Result<Vec<Supervised>> {
@@ -165,6 +173,8 @@ fn start_all(plan: &RunPlan) -> Result<Vec<Supervised>> {
         common: plan.common.clone(),
         run,
         run_dir: plan.run_dir.clone(),
+        domain: plan.graph.graph.domain.clone(),
+        max_points: plan.graph.graph.max_points,
     };
     let services = plan.graph.services.entries();
     // Readers before writers: the recorder is there when the first message is sent, acquisition comes last.
@@ -207,6 +217,18 @@ fn watch(
             let fate = child.look_after(&|| {
                 participant.clean_dead_peers();
             })?;
+            match fate {
+                // It is not heard of yet.
+                Fate::Restarted => monitor.forget(&child.launch.name),
+                Fate::GaveUp if child.launch.entry.optional => {
+                    let cause = cause_of(child);
+                    tracing::warn!("{cause}; the run goes on without it");
+                    monitor.mourn(&child.launch.name, &cause);
+                    continue;
+                }
+                Fate::Running => end_if_silent(child, monitor),
+                _ => {}
+            }
             if fate == Fate::GaveUp || (fate == Fate::Ended && child.launch.built_in) {
                 monitor.listen()?;
                 bar.abandon();
@@ -223,9 +245,21 @@ fn watch(
         }
         if cleaned.elapsed() > CLEAN {
             participant.clean_dead_peers();
+            monitor.repeat_losses();
             cleaned = Instant::now();
         }
     }
+}
+
+/// Ends a process that has reported its health and then reports nothing for longer than it may.
+fn end_if_silent(child: &Supervised, monitor: &mut Monitor) {
+    let (name, limit) = (&child.launch.name, Duration::from_millis(child.launch.entry.health_timeout_ms.into()));
+    if limit.is_zero() || monitor.silent_for(name).is_none_or(|silence| silence < limit) {
+        return;
+    }
+    tracing::warn!(service = name, limit_ms = limit.as_millis(), "says nothing for too long; it is killed");
+    child.signal(Signal::KILL);
+    monitor.forget(name);
 }
 
 fn cause_of(child: &Supervised) -> String {

@@ -6,7 +6,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
-use mirador_ipc_schema::topics::{Alignment, Clock, ServiceHealth, Topic, ViewPlan};
+use mirador_ipc_schema::topics::{Alignment, Clock, RegistrationStatus, ServiceHealth, Topic, ViewPlan};
 use mirador_ipc_schema::{Domain, Participant, Sizes, StopSignal, Subscriber, Wake, Wakeable};
 
 use super::state::State;
@@ -79,6 +79,7 @@ struct Ears {
     clock: Option<Subscriber<Clock>>,
     alignments: Option<Subscriber<Alignment>>,
     plans: Option<Subscriber<ViewPlan>>,
+    registrations: Option<Subscriber<RegistrationStatus>>,
 }
 
 impl Ears {
@@ -88,6 +89,7 @@ impl Ears {
             clock: open_if_free(participant, state),
             alignments: open_if_free(participant, state),
             plans: open_if_free(participant, state),
+            registrations: open_if_free(participant, state),
         })
     }
 
@@ -123,6 +125,13 @@ impl Ears {
         if let Some(alignments) = &self.alignments {
             while let Some(message) = alignments.receive()? {
                 state.take_alignment(message.meta());
+            }
+        }
+        if let Some(registrations) = &self.registrations {
+            while let Some(message) = registrations.receive()? {
+                for status in message.items() {
+                    state.take_registration(message.header(), status);
+                }
             }
         }
         if let Some(plans) = &self.plans {

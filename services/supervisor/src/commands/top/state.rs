@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use mirador_ipc_schema::messages::{
-    AlignmentMeta, CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, DECISION_GO, SERVICE_FAILED, SERVICE_RUNNING,
-    SERVICE_STARTING, SERVICE_STOPPING, ServiceHealth, ViewPlanMeta,
+    AlignmentMeta, CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, DECISION_GO, RegistrationStatus, SERVICE_FAILED,
+    SERVICE_RUNNING, SERVICE_STARTING, SERVICE_STOPPING, ServiceHealth, ViewPlanMeta,
 };
 use mirador_ipc_schema::{Header, Peer, text};
 
 use super::view::{Decision, Run, Service, Snapshot, Stage};
 use crate::graph::SERVICES;
+use crate::supervise::RegistrationTally;
 
 /// Rates are taken over this time [ns].
 const RATE_WINDOW_NS: u64 = 1_000_000_000;
@@ -32,6 +33,7 @@ pub(super) struct State {
     clock: Option<ClockMeta>,
     scans_planned: u32,
     decision: Option<Decision>,
+    registration: RegistrationTally,
     notes: Vec<String>,
 }
 
@@ -151,6 +153,11 @@ impl State {
         });
     }
 
+    /// Takes in how a foreign registration does.
+    pub(super) fn take_registration(&mut self, header: &Header, status: &RegistrationStatus) {
+        self.registration.take_in(header.incarnation, status);
+    }
+
     /// Keeps a sentence about what cannot be shown.
     pub(super) fn add_note(&mut self, note: String) {
         self.notes.push(note);
@@ -177,6 +184,7 @@ impl State {
             services,
             stages: self.stages.iter().map(|(name, latencies)| latencies.stage(*name)).collect(),
             decision: self.decision.clone(),
+            registration: self.registration.totals(),
             notes: self.notes.clone(),
         }
     }

@@ -23,6 +23,9 @@ pub(super) fn render(snapshot: &Snapshot) -> String {
     if let Some(decision) = &snapshot.decision {
         out.push_str(&format!("\ndecision  {}\n", decision_line(decision)));
     }
+    if let Some(registration) = &snapshot.registration {
+        out.push_str(&format!("\n{}\n", printable(&registration.to_string())));
+    }
     for note in &snapshot.notes {
         out.push_str(&format!("note      {}\n", printable(note)));
     }

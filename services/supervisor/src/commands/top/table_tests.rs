@@ -52,6 +52,7 @@ fn snapshot() -> Snapshot {
             path_length_m: 3.21,
             end_to_end_ms: 12.34,
         }),
+        registration: None,
         notes: vec!["not shown: clock".into()],
     }
 }
@@ -86,6 +87,20 @@ fn a_graph_that_was_not_heard_is_said_to_be_so() {
 }
 
 #[test]
+fn how_an_external_registration_does_is_a_line_of_its_own() {
+    let mut asked = snapshot();
+    let mut status = mirador_ipc_schema::messages::RegistrationStatus { questions: 4, ..Default::default() };
+    (status.answered, status.fallbacks, status.fallback) = (3, 1, mirador_ipc_schema::text::pack("gicp"));
+    status.faults[mirador_ipc_schema::messages::REGISTRATION_NOT_RIGID] = 1;
+    (status.total_answer_ns, status.max_answer_ns) = (6_000_000, 4_000_000);
+    status.last_fault = mirador_ipc_schema::text::pack("its pose is not a rigid motion");
+    asked.registration = Some(crate::outputs::RegistrationTotals::default().plus(&status));
+    let line = "external registration: 3 of 4 answered in 2.0 ms, 4.0 ms at most; 1 by gicp: 1 not rigid; last: its pose is \
+                not a rigid motion\n";
+    assert!(render(&asked).contains(line), "{}", render(&asked));
+}
+
+#[test]
 fn what_was_not_delivered_is_said_beside_the_message() {
     let mut loud = snapshot();
     loud.services[0].undelivered_messages = 4;
@@ -108,7 +123,7 @@ fn the_keys_of_json_stay_as_they_are() {
         words.sort();
         words.join(" ")
     };
-    assert_eq!(sorted(&json), "decision domain notes run services stages supervisor_pid");
+    assert_eq!(sorted(&json), "decision domain notes registration run services stages supervisor_pid");
     assert_eq!(sorted(&json["run"]), "lockstep scans_done scans_expected scans_failed state");
     assert_eq!(
         sorted(&json["services"][0]),

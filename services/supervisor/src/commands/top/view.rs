@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::outputs::RegistrationTotals;
+
 /// A graph at one moment.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(super) struct Snapshot {
@@ -17,6 +19,8 @@ pub(super) struct Snapshot {
     pub(super) stages: Vec<Stage>,
     /// The latest decision.
     pub(super) decision: Option<Decision>,
+    /// How a foreign registration does, where there is one.
+    pub(super) registration: Option<RegistrationTotals>,
     /// What could not be shown, and why.
     pub(super) notes: Vec<String>,
 }

@@ -1,0 +1,439 @@
+//! Answers of every kind, over real shared memory. The answering end runs in a thread with a participant of its own.
+
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use mirador_core::geometry::{pose_from_rows, rows_from_pose};
+use mirador_core::registration::conformance::scenes::{CORRIDOR, Rectangle, YARD, scan_of};
+use mirador_core::registration::{RegistrationConfig, Registry};
+use mirador_core::scan::Point;
+use mirador_ipc_schema::messages::{
+    self as m, Envelope, Header, KeyframePoint, RegistrationRequestMeta, RegistrationResult, RegistrationStatus,
+};
+use mirador_ipc_schema::{Domain, Participant, Publisher, Sizes, StopSignal, Wake, text, topics};
+
+use super::*;
+
+/// An answer comes in microseconds; this is for those that do not come.
+const DEADLINE_MS: u32 = 300;
+/// Where a deadline that passes would hide what is looked for.
+const PATIENT_MS: u32 = 60_000;
+
+type Results = Publisher<topics::RegistrationResult>;
+
+/// What the answering end does with a request; it ends with the process if this says so.
+type Behaviour = fn(&RegistrationRequestMeta, &[KeyframePoint], &Results) -> Goes;
+
+#[derive(PartialEq)]
+enum Goes {
+    On,
+    Away,
+}
+
+fn participant(domain: &Domain, name: &str, stop: &StopSignal) -> Participant {
+    Participant::join(domain.clone(), name, 0, Sizes { scan_points: 100_000 }, Wake::Event, stop.clone()).unwrap()
+}
+
+/// A domain with alignment's end, and perhaps somebody who answers.
+struct Stage {
+    domain: Domain,
+    stop: StopSignal,
+    answerer: Option<JoinHandle<()>>,
+    own: Option<(External, Participant)>,
+    tally: Tally,
+}
+
+impl Stage {
+    fn new(deadline_ms: u32, behaviour: Option<Behaviour>) -> Self {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let domain =
+            Domain::new(&format!("ext{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed))).unwrap();
+        let stop = StopSignal::default();
+        let own = participant(&domain, "alignment", &stop);
+        let link = Link::open(&own, deadline_ms).unwrap();
+        let answerer = behaviour.map(|behaviour| answer(&domain, &stop, behaviour));
+        while answerer.is_some() && !link.is_answered() {
+            link.wait_for_somebody();
+        }
+        let (fallback, tally) = (built_in("gicp"), Tally::new("gicp"));
+        let rules = Rules { acceptance: AcceptanceConfig::default(), final_pair_distance_m: 0.5 };
+        let external = External::new(fallback, link, tally.clone(), rules);
+        Self { domain, stop, answerer, own: Some((external, own)), tally }
+    }
+
+    fn align(&mut self, scans: &[Vec<Point>; 2], start: &Pose, limits: &Limits) -> Alignment {
+        let external = &mut self.own.as_mut().unwrap().0;
+        align(external, scans, start, limits)
+    }
+
+    fn status(&self) -> RegistrationStatus {
+        self.tally.status()
+    }
+
+    fn last_fault(&self) -> String {
+        text::unpack(&self.status().last_fault).to_owned()
+    }
+}
+
+impl Drop for Stage {
+    fn drop(&mut self) {
+        self.stop.set();
+        let ended = self.answerer.take().map(JoinHandle::join);
+        self.own = None;
+        self.domain.remove_all().unwrap();
+        if !std::thread::panicking() {
+            assert!(ended.is_none_or(|e| e.is_ok()), "the answering end has failed");
+        }
+    }
+}
+
+fn answer(domain: &Domain, stop: &StopSignal, behaviour: Behaviour) -> JoinHandle<()> {
+    let (domain, stop) = (domain.clone(), stop.clone());
+    std::thread::spawn(move || {
+        let own = participant(&domain, "registration", &stop);
+        let requests = own.subscriber::<topics::RegistrationRequest>().unwrap();
+        let results = own.publisher::<topics::RegistrationResult>().unwrap();
+        while !stop.is_set() {
+            own.wait(&[&requests], Duration::from_millis(20));
+            while let Some(request) = requests.receive().unwrap() {
+                if behaviour(request.meta(), request.items(), &results) == Goes::Away {
+                    return;
+                }
+            }
+        }
+    })
+}
+
+fn built_in(name: &str) -> Box<dyn Registration> {
+    Registry::default().create(name, &RegistrationConfig::default()).unwrap()
+}
+
+fn align(method: &mut dyn Registration, scans: &[Vec<Point>; 2], start: &Pose, limits: &Limits) -> Alignment {
+    let [target, source] = scans.each_ref().map(|points| method.prepare(ScanView::unordered(points)).unwrap());
+    method.align(&*target, &*source, start, limits).unwrap()
+}
+
+fn pair(scene: &[Rectangle], target_from_source: &Pose) -> [Vec<Point>; 2] {
+    [scan_of(scene, &Pose::identity(), 40.0, 1), scan_of(scene, target_from_source, 40.0, 2)]
+}
+
+fn truth() -> Pose {
+    Pose::new(nalgebra::Vector3::new(0.4, -0.3, 0.05), nalgebra::Vector3::new(0.01, 0.02, 0.05))
+}
+
+/// The answer of an honest process: point to plane over the points of the request.
+fn honest(request: &RegistrationRequestMeta, items: &[KeyframePoint]) -> RegistrationResult {
+    let (target, source) = items.split_at(request.target_points as usize);
+    assert_eq!(source.len(), request.source_points as usize);
+    assert!(items.iter().all(|p| p.position[3] == 1.0 && p.normal[3] == 0.0));
+    let points = |items: &[KeyframePoint]| -> Vec<Point> {
+        items.iter().map(|p| Point::new(p.position[0], p.position[1], p.position[2])).collect()
+    };
+    let start = pose_from_rows(&request.initial_target_from_source).unwrap();
+    let limits = Limits {
+        max_iterations: request.max_iterations,
+        pair_distance_m: request.pair_distance_m,
+        max_translation_m: request.max_translation_m,
+        max_rotation: request.max_rotation,
+    };
+    let found = align(&mut *built_in("point_to_plane"), &[points(target), points(source)], &start, &limits);
+    RegistrationResult {
+        request: request.request,
+        target_from_source: rows_from_pose(&found.target_from_source),
+        covariance: std::array::from_fn(|i| found.covariance[(i / 6, i % 6)]),
+        overlap: found.overlap,
+        residual_m: found.residual_rms_m,
+        iterations: found.iterations,
+        converged: u32::from(found.converged),
+        constrained: u32::from(found.constraint.mask()),
+        schema: topics::registration_schema(),
+    }
+}
+
+fn send(results: &Results, result: RegistrationResult) -> Goes {
+    results.send_one(Envelope { header: Header::new(0, 0) }, result).unwrap();
+    Goes::On
+}
+
+/// Runs one alignment, expects it to be the built-in method's to the last bit, with one fault of this kind, named so.
+fn refused(deadline_ms: u32, behaviour: Option<Behaviour>, place: usize, words: &str) {
+    let mut stage = Stage::new(deadline_ms, behaviour);
+    let scans = pair(&YARD, &truth());
+    let found = stage.align(&scans, &Pose::identity(), &Limits::default());
+    assert_eq!(found, align(&mut *built_in("gicp"), &scans, &Pose::identity(), &Limits::default()));
+    let status = stage.status();
+    assert_eq!((status.questions, status.answered, status.fallbacks), (1, 0, 1), "{}", stage.last_fault());
+    assert_eq!(status.faults[place], 1, "{}", stage.last_fault());
+    assert!(stage.last_fault().contains(words), "{}", stage.last_fault());
+    assert_eq!(stage.tally.last_method(), "gicp");
+    assert!(stage.tally.words().contains("0 of 1 answered") && stage.tally.words().contains(words));
+}
+
+#[test]
+fn an_honest_answer_is_taken_with_its_covariance() {
+    let mut stage = Stage::new(PATIENT_MS, Some(|request, items, results| send(results, honest(request, items))));
+    let scans = pair(&YARD, &truth());
+    let found = stage.align(&scans, &Pose::identity(), &Limits::default());
+    let error = truth().inverse() * found.target_from_source;
+    assert!(error.translation.vector.norm() < 0.03 && rotation_angle(&error) < 0.005, "{error}");
+    assert!(found.converged && found.overlap > 0.7 && found.constraint.mask() == 0b11_1111);
+    let status = stage.status();
+    assert_eq!((status.questions, status.answered, status.fallbacks), (1, 1, 0), "{}", stage.last_fault());
+    assert!(status.last_answer_ns > 0 && status.max_answer_ns == status.total_answer_ns);
+    assert_eq!((stage.tally.last_method(), stage.last_fault().as_str()), ("external", ""));
+    // Its covariance is the answer's: that of points once more thinned, which is another than gicp's.
+    let own = align(&mut *built_in("gicp"), &scans, &Pose::identity(), &Limits::default());
+    assert!(found.covariance != own.covariance && found.covariance.cholesky().is_some());
+}
+
+#[test]
+fn values_that_are_not_finite_are_refused() {
+    let behaviours: [(Behaviour, &str); 4] = [
+        (
+            |q, i, r| {
+                let mut a = honest(q, i);
+                a.target_from_source[3] = f64::NAN;
+                send(r, a)
+            },
+            "its pose holds",
+        ),
+        (
+            |q, i, r| {
+                let mut a = honest(q, i);
+                a.target_from_source = [f64::NAN; 16];
+                send(r, a)
+            },
+            "its pose holds",
+        ),
+        (
+            |q, i, r| {
+                let mut a = honest(q, i);
+                a.covariance[7] = f64::INFINITY;
+                send(r, a)
+            },
+            "its covariance holds",
+        ),
+        (|q, i, r| send(r, RegistrationResult { overlap: f64::NAN, ..honest(q, i) }), "its overlap or residual holds"),
+    ];
+    for (behaviour, words) in behaviours {
+        refused(PATIENT_MS, Some(behaviour), m::REGISTRATION_NOT_FINITE, words);
+    }
+}
+
+#[test]
+fn matrices_that_are_no_rigid_motion_are_refused() {
+    let behaviours: [Behaviour; 3] = [
+        |q, i, r| {
+            let mut a = honest(q, i);
+            a.target_from_source[0] *= 1.1;
+            send(r, a)
+        },
+        |q, i, r| {
+            let mut a = honest(q, i);
+            a.target_from_source[15] = 0.0;
+            send(r, a)
+        },
+        // A mirror.
+        |q, i, r| {
+            let mut a = honest(q, i);
+            (0..3).for_each(|k| a.target_from_source[4 * k] *= -1.0);
+            send(r, a)
+        },
+    ];
+    for behaviour in behaviours {
+        refused(PATIENT_MS, Some(behaviour), m::REGISTRATION_NOT_RIGID, "not a rigid motion");
+    }
+}
+
+#[test]
+fn what_is_no_covariance_is_refused() {
+    let behaviours: [Behaviour; 3] = [
+        |q, i, r| send(r, RegistrationResult { covariance: [0.0; 36], ..honest(q, i) }),
+        |q, i, r| {
+            let mut a = honest(q, i);
+            a.covariance[0] = -1e-4;
+            send(r, a)
+        },
+        |q, i, r| {
+            let mut a = honest(q, i);
+            a.covariance[1] += 0.5 * a.covariance[0];
+            send(r, a)
+        },
+    ];
+    for behaviour in behaviours {
+        refused(PATIENT_MS, Some(behaviour), m::REGISTRATION_COVARIANCE, "not symmetric and positive definite");
+    }
+}
+
+#[test]
+fn a_pose_outside_the_limits_is_refused() {
+    let far: Behaviour = |q, i, r| {
+        let target_from_source = rows_from_pose(&Pose::translation(5.0, 0.0, 0.0));
+        send(r, RegistrationResult { target_from_source, ..honest(q, i) })
+    };
+    refused(PATIENT_MS, Some(far), m::REGISTRATION_OUTSIDE, "5.000 m");
+    let turned: Behaviour = |q, i, r| {
+        let pose = Pose::new(nalgebra::Vector3::zeros(), nalgebra::Vector3::new(0.0, 0.0, 1.0));
+        send(r, RegistrationResult { target_from_source: rows_from_pose(&pose), ..honest(q, i) })
+    };
+    refused(PATIENT_MS, Some(turned), m::REGISTRATION_OUTSIDE, "1.000 rad");
+}
+
+#[test]
+fn a_confident_pose_that_is_wrong_is_refused() {
+    // Somewhere else, and where it began.
+    let elsewhere: Behaviour = |q, i, r| {
+        let target_from_source = rows_from_pose(&Pose::translation(-1.2, 0.9, 0.4));
+        send(r, RegistrationResult { target_from_source, converged: 1, ..honest(q, i) })
+    };
+    refused(PATIENT_MS, Some(elsewhere), m::REGISTRATION_WRONG, "its pose");
+    let echo: Behaviour = |q, i, r| {
+        let target_from_source = q.initial_target_from_source;
+        send(r, RegistrationResult { target_from_source, converged: 1, ..honest(q, i) })
+    };
+    refused(PATIENT_MS, Some(echo), m::REGISTRATION_WRONG, "its pose is not the end");
+    // One that gives up where the built-in method does not.
+    let lazy: Behaviour = |q, i, r| send(r, RegistrationResult { converged: 0, ..honest(q, i) });
+    refused(PATIENT_MS, Some(lazy), m::REGISTRATION_WRONG, "not converged");
+}
+
+#[test]
+fn who_does_not_fit_may_say_so() {
+    let mut stage = Stage::new(PATIENT_MS, Some(|request, items, results| send(results, honest(request, items))));
+    let elsewhere: Vec<Point> =
+        scan_of(&YARD, &Pose::identity(), 40.0, 3).iter().map(|p| Point::new(p.x, p.y, p.z + 30.0)).collect();
+    let scans = [scan_of(&YARD, &Pose::identity(), 40.0, 1), elsewhere];
+    let found = stage.align(&scans, &Pose::identity(), &Limits::default());
+    assert!(found.overlap == 0.0 && !found.converged);
+    assert_eq!((stage.status().answered, stage.status().fallbacks), (1, 0), "{}", stage.last_fault());
+}
+
+#[test]
+fn no_answer_in_time_is_late() {
+    refused(DEADLINE_MS, Some(|_, _, _| Goes::On), m::REGISTRATION_LATE, "no answer within 300 ms");
+}
+
+#[test]
+fn an_answer_to_an_older_request_is_not_taken() {
+    let older: Behaviour = |q, i, r| send(r, RegistrationResult { request: q.request - 1, ..honest(q, i) });
+    refused(DEADLINE_MS, Some(older), m::REGISTRATION_OUTDATED, "it answered request 0 instead of request 1");
+}
+
+#[test]
+fn a_flood_is_told_from_an_answer() {
+    let flood: Behaviour = |q, i, r| {
+        let result = RegistrationResult { request: 0, ..honest(q, i) };
+        (0..1000).for_each(|_| {
+            send(r, result);
+        });
+        Goes::On
+    };
+    refused(PATIENT_MS, Some(flood), m::REGISTRATION_FLOOD, "it floods");
+}
+
+#[test]
+fn a_flood_of_right_answers_is_noticed_at_the_next_request() {
+    let flood: Behaviour = |q, i, r| {
+        let result = honest(q, i);
+        (0..1000).for_each(|_| {
+            send(r, result);
+        });
+        Goes::On
+    };
+    let mut stage = Stage::new(PATIENT_MS, Some(flood));
+    let scans = pair(&YARD, &truth());
+    stage.align(&scans, &Pose::identity(), &Limits::default());
+    assert_eq!(stage.status().answered, 1, "{}", stage.last_fault());
+    std::thread::sleep(Duration::from_millis(100));
+    stage.align(&scans, &Pose::identity(), &Limits::default());
+    assert_eq!(stage.status().faults[m::REGISTRATION_FLOOD], 1, "{}", stage.tally.words());
+}
+
+#[test]
+fn another_schema_is_named_with_both_sides() {
+    let other: Behaviour = |q, i, r| send(r, RegistrationResult { schema: 0x1234_5678, ..honest(q, i) });
+    refused(PATIENT_MS, Some(other), m::REGISTRATION_SCHEMA, "there 12345678");
+}
+
+#[test]
+fn nobody_there_costs_no_time() {
+    refused(PATIENT_MS, None, m::REGISTRATION_ABSENT, "no registration process answers");
+}
+
+#[test]
+fn who_ends_while_asked_is_not_waited_for() {
+    refused(PATIENT_MS, Some(|_, _, _| Goes::Away), m::REGISTRATION_DIED, "ended while it was asked");
+}
+
+#[test]
+fn who_fails_again_and_again_is_asked_less_and_less_and_trusted_again_once_it_answers() {
+    // Wrong for the first three requests that it gets.
+    let ill: Behaviour = |q, i, r| {
+        let overlap = if q.request <= 3 { f64::NAN } else { 0.5 };
+        send(r, RegistrationResult { overlap, ..honest(q, i) })
+    };
+    let mut stage = Stage::new(PATIENT_MS, Some(ill));
+    let scans = pair(&YARD, &truth());
+    let mut methods = Vec::new();
+    for _ in 0..9 {
+        stage.align(&scans, &Pose::identity(), &Limits::default());
+        methods.push(stage.tally.last_method() == "external");
+    }
+    // Asked at 1, 2, 4 (after one pause), 8 (after three), 9.
+    assert_eq!(methods, [false, false, false, false, false, false, false, true, true]);
+    let status = stage.status();
+    assert_eq!((status.faults[m::REGISTRATION_NOT_FINITE], status.faults[m::REGISTRATION_PAUSED]), (3, 4));
+    assert!(stage.last_fault().contains("not finite"), "a pause does not hide its cause: {}", stage.last_fault());
+}
+
+#[test]
+fn along_a_corridor_nobody_may_be_sure() {
+    let sure: Behaviour = |q, i, r| {
+        let mut covariance = [0.0; 36];
+        (0..6).for_each(|k| covariance[7 * k] = 1e-8);
+        send(r, RegistrationResult { covariance, ..honest(q, i) })
+    };
+    let mut stage = Stage::new(PATIENT_MS, Some(sure));
+    let scans = pair(&CORRIDOR, &Pose::translation(0.5, 0.1, 0.05));
+    let found = stage.align(&scans, &Pose::translation(0.2, 0.0, 0.0), &Limits::default());
+    assert_eq!(stage.status().answered, 1, "{}", stage.last_fault());
+    assert_eq!(found.constraint.mask(), 0b11_1110);
+    assert!(found.covariance[(0, 0)] > 1.0 && found.covariance[(1, 1)] < 1e-3, "{}", found.covariance);
+}
+
+#[test]
+fn a_start_is_judged_and_nonsense_refused_without_asking() {
+    let mut stage = Stage::new(PATIENT_MS, Some(|_, _, _| panic!("nobody was to be asked")));
+    let scans = pair(&YARD, &truth());
+    let judged = stage.align(&scans, &truth(), &Limits { max_iterations: 0, ..Limits::default() });
+    assert_eq!((judged.target_from_source, judged.iterations), (truth(), 0));
+    let external = &mut stage.own.as_mut().unwrap().0;
+    let scan = external.prepare(ScanView::unordered(&scans[0])).unwrap();
+    let error = external.align(&*scan, &*scan, &Pose::translation(f64::NAN, 0.0, 0.0), &Limits::default()).unwrap_err();
+    assert_eq!(error, AlignError::StartNotFinite);
+    assert_eq!(stage.status().questions, 0);
+}
+
+#[test]
+fn keyframes_are_read_where_they_were_written() {
+    // Two requests use two places: it is no constant that is compared.
+    let domain = Domain::new(&format!("extplace{}", std::process::id())).unwrap();
+    let stop = StopSignal::default();
+    let (own, other) = (participant(&domain, "alignment", &stop), participant(&domain, "registration", &stop));
+    let publisher = own.publisher::<topics::RegistrationRequest>().unwrap();
+    let subscriber = other.subscriber::<topics::RegistrationRequest>().unwrap();
+    let (mut held, mut written) = (Vec::new(), Vec::new());
+    for request in 0..2 {
+        let mut loan = publisher.loan(5).unwrap();
+        loan.meta_mut().request = request;
+        loan.items_mut().fill(KeyframePoint::default());
+        written.push((request, loan.location().unwrap()));
+        loan.send().unwrap();
+        held.push(subscriber.receive().unwrap().unwrap());
+    }
+    let read: Vec<_> = held.iter().map(|r| (r.meta().request, r.location().unwrap())).collect();
+    assert!(read == written && read[0].1 != read[1].1, "{read:?} {written:?}");
+    drop((held, publisher, subscriber, own, other));
+    domain.remove_all().unwrap();
+}

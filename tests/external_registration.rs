@@ -1,0 +1,337 @@
+//! Registration by a process of somebody else's, under the supervisor: honest, dead, hung, lying, flooding.
+//!
+//! The answering process is this test program once more, run with `MIRADOR_TEST_ANSWERS` saying how it behaves.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
+
+mod support;
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Stdio};
+use std::sync::OnceLock;
+use std::time::Duration;
+
+use mirador_core::geometry::{pose_from_rows, rows_from_pose};
+use mirador_core::registration::{Limits, RegistrationConfig, Registry};
+use mirador_core::scan::{Point, ScanView};
+use mirador_ipc_schema::messages::{Envelope, Header, KeyframePoint, RegistrationRequestMeta, RegistrationResult};
+use mirador_ipc_schema::service::{HealthReporter, ServiceSetup};
+use mirador_ipc_schema::{StopSignal, topics};
+use serde_json::Value;
+use support::observer::{Observer, kill_9};
+use support::{Finished, Stage, eventually, finish, signal, small_tour, summary};
+
+/// How the answering process is told how to behave.
+const BEHAVIOUR: &str = "MIRADOR_TEST_ANSWERS";
+/// The name of the test that is the answering process.
+const ANSWERER: &str = "the_answering_process";
+
+#[test]
+fn the_answering_process() {
+    // Without the wish it is no test of its own.
+    if let Ok(behaviour) = std::env::var(BEHAVIOUR) {
+        answer(&behaviour);
+    }
+}
+
+/// Answers requests, well or ill, until it is ended.
+fn answer(behaviour: &str) {
+    let setup = ServiceSetup::from_environment(StopSignal::from_terminal().unwrap()).unwrap();
+    let (own, stop) = (setup.join().unwrap(), setup.stop.clone());
+    let requests = own.subscriber::<topics::RegistrationRequest>().unwrap();
+    let results = own.publisher::<topics::RegistrationResult>().unwrap();
+    let mut health = HealthReporter::open(&own, &setup.name).unwrap();
+    health.running(&own);
+    let send = |result| results.send_one(Envelope { header: Header::new(0, 0) }, result).unwrap();
+    while !stop.is_set() {
+        own.wait(&[&requests], Duration::from_millis(20));
+        health.heartbeat(&own);
+        while let Some(request) = requests.receive().unwrap() {
+            let place = request.location().unwrap();
+            println!("{} {} {}", request.header().scan(), place.inode, place.offset);
+            let honest = || honest(request.meta(), request.items());
+            match behaviour {
+                "honest" => send(honest()),
+                "crash" => std::process::abort(),
+                "hang" => loop {
+                    std::thread::sleep(Duration::from_secs(3600));
+                },
+                "nan" => send(RegistrationResult { target_from_source: [f64::NAN; 16], ..honest() }),
+                "non_rigid" => {
+                    let target_from_source = std::array::from_fn(|i| if i % 5 == 0 { 1.5 } else { 0.0 });
+                    send(RegistrationResult { target_from_source, ..honest() });
+                }
+                "older" => send(RegistrationResult { request: request.meta().request - 1, ..honest() }),
+                "flood" => {
+                    let result = RegistrationResult { request: u64::MAX, ..honest() };
+                    while !stop.is_set() {
+                        send(result);
+                    }
+                }
+                "schema" => send(RegistrationResult { schema: 1, ..honest() }),
+                other => panic!("no such behaviour: {other}"),
+            }
+        }
+    }
+}
+
+/// What point to plane finds between the keyframes of a request.
+fn honest(request: &RegistrationRequestMeta, items: &[KeyframePoint]) -> RegistrationResult {
+    let mut method = Registry::default().create("point_to_plane", &RegistrationConfig::default()).unwrap();
+    let (target, source) = items.split_at(request.target_points as usize);
+    let [target, source] = [target, source].map(|items| {
+        let points: Vec<Point> =
+            items.iter().map(|p| Point::new(p.position[0], p.position[1], p.position[2])).collect();
+        method.prepare(ScanView::unordered(&points)).unwrap()
+    });
+    let start = pose_from_rows(&request.initial_target_from_source).unwrap();
+    let limits = Limits {
+        max_iterations: request.max_iterations,
+        pair_distance_m: request.pair_distance_m,
+        max_translation_m: request.max_translation_m,
+        max_rotation: request.max_rotation,
+    };
+    let found = method.align(&*target, &*source, &start, &limits).unwrap();
+    RegistrationResult {
+        request: request.request,
+        target_from_source: rows_from_pose(&found.target_from_source),
+        covariance: std::array::from_fn(|i| found.covariance[(i / 6, i % 6)]),
+        overlap: found.overlap,
+        residual_m: found.residual_rms_m,
+        iterations: found.iterations,
+        converged: u32::from(found.converged),
+        constrained: u32::from(found.constraint.mask()),
+        schema: topics::registration_schema(),
+    }
+}
+
+/// Arguments of a tour whose registration is this program.
+fn arguments(more: &[&str]) -> Vec<String> {
+    let mut arguments = small_tour();
+    let own = std::env::current_exe().unwrap();
+    let command = format!("[\"{}\", \"--exact\", \"{ANSWERER}\", \"--nocapture\"]", own.display());
+    let settings = ["alignment.registration=external", &format!("programs.registration.command={command}")];
+    arguments.extend(settings.iter().chain(more).flat_map(|s| ["--set".to_owned(), (*s).to_owned()]));
+    arguments.push("--quiet".into());
+    arguments
+}
+
+fn start(stage: &Stage, behaviour: &str, more: &[&str]) -> Child {
+    let mut command = stage.mirador(&arguments(more));
+    command.env(BEHAVIOUR, behaviour).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
+}
+
+fn trajectory(out: &Path) -> String {
+    fs::read_to_string(out.join("trajectory.tum")).unwrap()
+}
+
+/// The trajectory of a tour that nobody else registers.
+fn by_the_built_in(stage: &Stage) -> &'static str {
+    static TRAJECTORY: OnceLock<String> = OnceLock::new();
+    TRAJECTORY.get_or_init(|| {
+        let arguments: Vec<String> = small_tour().into_iter().chain(["--out", "built-in"].map(str::to_owned)).collect();
+        stage.run_well(&arguments);
+        trajectory(&stage.path("built-in"))
+    })
+}
+
+fn log(stage: &Stage, service: &str) -> String {
+    fs::read_to_string(stage.path("mirador-out").join("logs").join(format!("{service}.log"))).unwrap_or_default()
+}
+
+fn ended_well(stage: &Stage, finished: &Finished) -> Value {
+    let logs = || format!("{}\n{}\n{}", finished.stderr, log(stage, "alignment"), log(stage, "registration"));
+    assert_eq!(finished.status.code(), Some(0), "{}", logs());
+    let summary = summary(&stage.path("mirador-out"));
+    assert_eq!((&summary["scans"], &summary["aligned"]), (&8.into(), &8.into()), "{}", logs());
+    stage.assert_nothing_left();
+    summary
+}
+
+/// A run with a process that is never right: every pose is the built-in method's, and the fault is counted and named.
+fn ill(behaviour: &str, fault: &str, words: &str, more: &[&str]) -> (Value, Finished) {
+    let stage = Stage::new();
+    let expected = by_the_built_in(&stage);
+    let finished = finish(start(&stage, behaviour, more));
+    let summary = ended_well(&stage, &finished);
+    let registration = &summary["registration"];
+    assert_eq!(registration["answered"], 0, "{registration}");
+    assert_eq!(registration["questions"], registration["fallbacks"], "{registration}");
+    assert!(registration["faults"][fault].as_u64().unwrap() >= 1, "{registration}");
+    assert!(log(&stage, "alignment").contains(words), "{}", log(&stage, "alignment"));
+    assert_eq!(trajectory(&stage.path("mirador-out")), expected, "{behaviour}: the built-in method's poses");
+    (summary, finished)
+}
+
+#[test]
+fn a_foreign_process_aligns_a_tour() {
+    let stage = Stage::new();
+    let expected = by_the_built_in(&stage);
+    let finished = finish(start(&stage, "honest", &["alignment.external.deadline_ms=60000"]));
+    let summary = ended_well(&stage, &finished);
+    let registration = &summary["registration"];
+    assert!(registration["questions"].as_u64().unwrap() >= 7, "{registration}");
+    assert_eq!(registration["answered"], registration["questions"], "{registration}");
+    assert!(registration["max_answer_ms"].as_f64().unwrap() > 0.0, "{registration}");
+    assert!(registration["last_fault"].is_null(), "{registration}");
+    assert_eq!(summary["restarts"], 0);
+    // The small scanner's scans are coarse: the built-in method comes as near.
+    assert!(summary["errors"]["ate_rmse_m"].as_f64().unwrap() < 0.3, "{}", summary["errors"]);
+    assert_ne!(trajectory(&stage.path("mirador-out")), expected, "the poses are its own");
+    let explained = stage.run(&["explain", "mirador-out", "1"]).stdout;
+    assert!(explained.contains("accepted against scan 0 by external"), "{explained}");
+}
+
+#[test]
+fn a_process_that_crashes_is_restarted_until_it_may_not_and_the_run_goes_on() {
+    let (summary, finished) =
+        ill("crash", "died", "ended while it was asked", &["programs.registration.max_restarts=1"]);
+    assert!(finished.stderr.contains("registration ended (signal 6)"), "{}", finished.stderr);
+    assert!(finished.stderr.contains("the run goes on without it"), "{}", finished.stderr);
+    let registration = summary["services"].as_array().unwrap().iter().find(|s| s["name"] == "registration").unwrap();
+    assert_eq!(registration["restarts"], 1);
+    assert!(summary["registration"]["faults"]["absent"].as_u64().unwrap() >= 1, "{}", summary["registration"]);
+}
+
+#[test]
+fn a_process_that_hangs_is_late_and_then_killed_and_started_again() {
+    let settings = ["alignment.external.deadline_ms=100", "programs.registration.health_timeout_ms=400"];
+    let stage = Stage::new();
+    let child = start(&stage, "hang", &[&settings[..], &["acquisition.rounds=1000"]].concat());
+    let mut observer = Observer::join(stage.domain());
+    observer.until("the process was heard", |seen| seen.contains_key("registration"));
+    let first = observer.pid("registration");
+    observer.until("another process took its place", |seen| seen["registration"].pid != first);
+    drop(observer);
+    // `mirador top` counts it and says why.
+    let top = stage.run(&["top", "--once", "--json"]);
+    let shown: Value = serde_json::from_str(&top.stdout).unwrap();
+    assert!(shown["registration"]["faults"]["late"].as_u64().unwrap() >= 1, "{}", top.stdout);
+    assert!(shown["registration"]["last_fault"].is_string(), "{}", top.stdout);
+    signal(child.id(), "INT");
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(130), "{}", finished.stderr);
+    assert!(finished.stderr.contains("says nothing for too long"), "{}", finished.stderr);
+    let summary = summary(&stage.path("mirador-out"));
+    assert_eq!(summary["registration"]["answered"], 0);
+    assert_eq!(summary["scans"], summary["aligned"]);
+    assert!(log(&stage, "alignment").contains("no answer within 100 ms"));
+}
+
+#[test]
+fn a_pose_of_nan_is_refused() {
+    ill("nan", "not_finite", "its pose holds a value that is not finite", &["alignment.external.deadline_ms=60000"]);
+}
+
+#[test]
+fn a_pose_that_is_not_rigid_is_refused() {
+    ill("non_rigid", "not_rigid", "its pose is not a rigid motion", &["alignment.external.deadline_ms=60000"]);
+}
+
+#[test]
+fn the_answer_to_an_older_request_is_refused() {
+    ill("older", "outdated", "instead of request", &["alignment.external.deadline_ms=100"]);
+}
+
+#[test]
+fn a_process_that_floods_is_refused() {
+    ill("flood", "flood", "it floods", &["alignment.external.deadline_ms=60000"]);
+}
+
+#[test]
+fn a_process_of_another_schema_is_refused_and_both_sides_are_named() {
+    ill("schema", "schema", "there 00000001", &["alignment.external.deadline_ms=60000"]);
+}
+
+#[test]
+fn a_program_that_is_not_there_is_named_and_the_run_goes_on() {
+    let stage = Stage::new();
+    let expected = by_the_built_in(&stage);
+    let settings = ["programs.registration.command=[\"/nowhere/icp\"]", "alignment.external.start_timeout_ms=200"];
+    let finished = finish(start(&stage, "", &[&settings[..], &["programs.registration.max_restarts=1"]].concat()));
+    let summary = ended_well(&stage, &finished);
+    assert!(finished.stderr.contains("/nowhere/icp"), "{}", finished.stderr);
+    let registration = &summary["registration"];
+    assert_eq!(registration["faults"]["absent"], registration["questions"], "{registration}");
+    assert_eq!(trajectory(&stage.path("mirador-out")), expected);
+}
+
+#[test]
+fn a_process_that_is_killed_is_started_again_and_asked_again() {
+    let stage = Stage::new();
+    let settings = ["alignment.external.deadline_ms=60000", "acquisition.rounds=1000"];
+    let child = start(&stage, "honest", &settings);
+    let mut observer = Observer::join(stage.domain());
+    observer.until_finished("recorder", 2);
+    observer.until("the process was heard", |seen| seen.contains_key("registration"));
+    let first = observer.pid("registration");
+    kill_9(first);
+    observer.until("another process took its place", |seen| seen["registration"].pid != first);
+    drop(observer);
+    let answered = || {
+        let top = stage.run(&["top", "--once", "--json"]);
+        let shown: Value = serde_json::from_str(&top.stdout).unwrap_or_default();
+        shown["registration"]["answered"].as_u64().unwrap_or(0)
+    };
+    let before = answered();
+    eventually("it is asked again", || answered() > before);
+    signal(child.id(), "INT");
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(130), "{}", finished.stderr);
+    let summary = summary(&stage.path("mirador-out"));
+    assert_eq!(summary["restarts"], 1);
+    let poses = summary["poses"].as_array().unwrap();
+    assert!(poses.iter().all(|pose| pose["status"] != "rejected"), "{poses:?}");
+}
+
+#[test]
+fn keyframes_are_read_where_alignment_wrote_them() {
+    let stage = Stage::new();
+    let settings = ["alignment.external.deadline_ms=60000", "alignment.global.method=off"];
+    let mut arguments = arguments(&settings);
+    arguments.extend(["--log-level", "debug", "--log-format", "json"].map(str::to_owned));
+    // What the answering process prints goes to its log.
+    let own = std::env::current_exe().unwrap();
+    let command = format!("exec \\\"{}\\\" --exact {ANSWERER} --nocapture >&2", own.display());
+    arguments.extend(["--set".into(), format!("programs.registration.command=[\"sh\", \"-c\", \"{command}\"]")]);
+    let mut command = stage.mirador(&arguments);
+    let child = command.env(BEHAVIOUR, "honest").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let finished = finish(child);
+    ended_well(&stage, &finished);
+    let read: Vec<Vec<u64>> = log(&stage, "registration")
+        .lines()
+        .filter_map(|line| line.split(' ').map(|word| word.parse().ok()).collect::<Option<Vec<u64>>>())
+        .filter(|numbers| numbers.len() == 3)
+        .collect();
+    let written = support::places_of(&log(&stage, "alignment"), "keyframes");
+    assert!(read.len() >= 7, "{read:?}");
+    for numbers in &read {
+        let place = (numbers[0], numbers[1], numbers[2]);
+        assert!(written.contains(&place), "{place:?} of {written:?}");
+    }
+}
+
+#[test]
+fn a_killed_alignment_goes_on_with_the_foreign_process_where_it_stopped() {
+    let stage = Stage::new();
+    let settings = ["alignment.external.deadline_ms=60000", "acquisition.rounds=2"];
+    let finished = finish(start(&stage, "honest", &settings));
+    assert_eq!(finished.status.code(), Some(0), "{}", finished.stderr);
+    let (undisturbed, asked) = (trajectory(&stage.path("mirador-out")), summary(&stage.path("mirador-out")));
+    let child = start(&stage, "honest", &settings);
+    let mut observer = Observer::join(stage.domain());
+    observer.until_finished("recorder", 4);
+    observer.until("alignment has been heard", |seen| seen.contains_key("alignment"));
+    kill_9(observer.pid("alignment"));
+    drop(observer);
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(0), "{}\n{}", finished.stderr, log(&stage, "alignment"));
+    let killed = summary(&stage.path("mirador-out"));
+    assert_eq!((&killed["restarts"], &killed["scans"]), (&1.into(), &16.into()));
+    assert_eq!(killed["registration"]["fallbacks"], 0, "{}", killed["registration"]);
+    // What was counted before the death counts; what was asked and not yet told of is asked again.
+    let count = |summary: &Value| summary["registration"]["answered"].as_u64().unwrap();
+    assert!(count(&killed) + 4 >= count(&asked), "{} {}", killed["registration"], asked["registration"]);
+    assert_eq!(trajectory(&stage.path("mirador-out")), undisturbed);
+}
