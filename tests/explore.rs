@@ -94,6 +94,21 @@ fn a_robot_explores_and_knows_where_it_was() {
 }
 
 #[test]
+fn an_exploration_ends_by_itself_when_its_work_is_done() {
+    let stage = Stage::new();
+    let world = world(&stage);
+    explore(&stage, &world, "out", &[]);
+    let out = stage.path("out");
+    let told = summary(&out);
+    assert_eq!((&told["stop_reason"], &told["last_decision"]), (&"done".into(), &"done".into()), "{told}");
+    assert_eq!((&told["unaligned"], &told["tipped"]), (&0.into(), &false.into()));
+    // The source reached 94.1 % of its world of this name.
+    assert!(number(&out, "coverage") > 0.941, "{told}");
+    let errors = &told["errors"];
+    assert!(errors["ate_rmse_m"].as_f64().unwrap() < 0.1 && errors["ate_rmse_deg"].as_f64().unwrap() < 0.5, "{errors}");
+}
+
+#[test]
 fn the_same_seed_gives_the_same_exploration_and_another_another() {
     let stage = Stage::new();
     let world = world(&stage);

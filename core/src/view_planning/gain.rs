@@ -112,10 +112,12 @@ impl GainModel<'_> {
             let Some(&half) = self.view.ground.get((y0 + row).abs_diff(y)) else { continue };
             let (low, high) = ((x.saturating_sub(half)).saturating_sub(x0), (x + half).saturating_sub(x0));
             let of_plane = &plane.row(y0 + row)[x0 / WORD..x0 / WORD + stride];
-            for word in low / WORD..=(high / WORD).min(stride - 1) {
+            let words = low / WORD..(high / WORD + 1).min(stride);
+            let pairs = sweep.seen.row(row)[words.clone()].iter().zip(&of_plane[words.clone()]);
+            for (word, (seen, unexplored)) in words.zip(pairs) {
                 let after = if word == low / WORD { u64::MAX << (low % WORD) } else { u64::MAX };
                 let until = if word == high / WORD { u64::MAX >> (WORD - 1 - high % WORD) } else { u64::MAX };
-                visit(row, word, sweep.seen.row(row)[word] & of_plane[word] & after & until);
+                visit(row, word, seen & unexplored & after & until);
             }
         }
     }
