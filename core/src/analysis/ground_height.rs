@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::config::ScoreConfig;
-use crate::scan::ScanView;
+use crate::scan::{Point, ScanView};
 use crate::surface::Surface;
 
 /// Where a scanner height is from.
@@ -122,17 +122,30 @@ impl Candidates {
     /// Replaces the points by those of the scan that lie within a horizontal distance, below the scanner and level.
     fn gather(&mut self, scan: ScanView<'_>, surface: &Surface, rotation: &Matrix3<f32>, stride: usize, radius2: f32) {
         self.points.clear();
-        for (point, shape) in scan.points.iter().zip(surface.points()).step_by(stride) {
-            if !shape.is_valid() {
+        let (points, shapes) = (scan.points, surface.points());
+        // Most points are sky or far away: one that has no link with another has no surface either, which is told without
+        // looking at its shape.
+        let links = surface.links();
+        let has_links = surface.topology().is_some() && links.len() == points.len();
+        let m = rotation;
+        for k in (0..points.len().min(shapes.len())).step_by(stride) {
+            if has_links && links[k] == 0 {
                 continue;
             }
-            let p = rotation * point.vector();
+            // Written out, as nalgebra's products are not inlined here.
+            let Point { x, y, z, .. } = points[k];
+            let p = Vector3::new(
+                m.m11 * x + m.m12 * y + m.m13 * z,
+                m.m21 * x + m.m22 * y + m.m23 * z,
+                m.m31 * x + m.m32 * y + m.m33 * z,
+            );
             if p.z >= 0.0 || p.x * p.x + p.y * p.y > radius2 {
                 continue;
             }
+            let shape = &shapes[k];
             let [x, y, z] = shape.normal;
-            let normal_z = rotation.m31 * x + rotation.m32 * y + rotation.m33 * z;
-            if normal_z >= COS_SLOPE_MAX {
+            let normal_z = m.m31 * x + m.m32 * y + m.m33 * z;
+            if shape.is_valid() && normal_z >= COS_SLOPE_MAX {
                 self.points.push((p, shape.area.min(AREA_CAP)));
             }
         }
@@ -165,16 +178,23 @@ impl Candidates {
     fn refine(&self, level: f64) -> f64 {
         let mut plane = Vector3::new(level, 0.0, 0.0);
         for _ in 0..ROUNDS {
-            let (mut normal_matrix, mut right) = (Matrix3::<f64>::zeros(), Vector3::<f64>::zeros());
+            // Written out, as nalgebra's products are not inlined here.
+            let (mut sums, mut right) = ([[0.0; 3]; 3], Vector3::<f64>::zeros());
             for (p, weight) in &self.points {
-                let p = p.cast::<f64>();
-                let row = Vector3::new(1.0, p.x, p.y);
-                if (p.z - row.dot(&plane)).abs() <= f64::from(INLIER_MAX) {
-                    let weight = f64::from(*weight);
-                    normal_matrix += weight * row * row.transpose();
-                    right += weight * p.z * row;
+                let (x, y, z) = (f64::from(p.x), f64::from(p.y), f64::from(p.z));
+                let is_near = (z - (plane.x + x * plane.y + y * plane.z)).abs() <= f64::from(INLIER_MAX);
+                if !is_near {
+                    continue;
+                }
+                let (weight, row) = (f64::from(*weight), [1.0, x, y]);
+                for i in 0..3 {
+                    for k in 0..3 {
+                        sums[k][i] += weight * row[i] * row[k];
+                    }
+                    right[i] += weight * z * row[i];
                 }
             }
+            let mut normal_matrix = Matrix3::from(sums);
             // Damped tilt (1 cm^2 of surface at 1 m): a single line of points cannot turn the plane.
             normal_matrix[(1, 1)] += 1e-4;
             normal_matrix[(2, 2)] += 1e-4;

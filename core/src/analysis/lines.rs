@@ -1,24 +1,17 @@
 //! Scores an ordered scan line by line: a line's own scores, the steps of the mesh, and the means over the neighbours
-//! follow each other at a distance of a line or two, eight cells at a time, so that everything asked for again is still
+//! follow each other at a distance of a line or two, some cells at a time, so that everything asked for again is still
 //! in the cache.
 //!
 //! What a line becomes depends on the two lines before and after it alone: blocks of lines on any number of threads
 //! give the same bits.
 
+use super::config::{HeightForm, ObstacleForm};
 use super::obstacle::step_score;
 use super::point_score::{PointScore, normal_bits, quantise_bits};
+use super::ring::{Given, Ring, WIDE, union};
 use super::scorer::{LOW, NEGATIVE, REACHABLE, Rule, Tally, VALID};
 use crate::scan::Point;
-use crate::surface::{Surface, SurfacePoint, Topology};
-
-/// Cells worked on together.
-const LANES: usize = 8;
-
-/// Cells before the first and after the last one of a line that may be read; the last eight may hang over its end.
-const PAD: usize = LANES;
-
-/// Lines at work: the one that comes, the one whose steps are looked for, the one that is finished, and the one before.
-const DEPTH: usize = 4;
+use crate::surface::{Surface, Topology};
 
 /// Lines before and after a block that its scores depend on.
 const REACH: usize = 2;
@@ -26,56 +19,11 @@ const REACH: usize = 2;
 /// Line and cell offsets of the cells around, in the order of the bits of [`Surface::links`].
 const AROUND: [(usize, usize); 8] = [(1, 2), (2, 2), (2, 1), (2, 0), (1, 0), (0, 0), (0, 1), (0, 2)];
 
-/// The bits of the two neighbours in the same line, and in the same column.
-const PAIRS: [[usize; 2]; 2] = [[0, 4], [2, 6]];
-
-type Eight<T> = [T; LANES];
-
-/// The last lines of one quantity.
-#[derive(Debug, Default)]
-struct Ring<T> {
-    data: Vec<T>,
-    width: usize,
-}
-
-impl<T: Copy + Default> Ring<T> {
-    fn reset(&mut self, cols: usize) {
-        self.width = cols.next_multiple_of(LANES) + 2 * PAD;
-        self.data.clear();
-        self.data.resize(DEPTH * self.width, T::default());
-    }
-
-    #[inline(always)]
-    fn line(&self, number: usize) -> &[T] {
-        &self.data[number % DEPTH * self.width..][..self.width]
-    }
-
-    #[inline(always)]
-    fn line_mut(&mut self, number: usize) -> &mut [T] {
-        &mut self.data[number % DEPTH * self.width..][..self.width]
-    }
-
-    /// Eight cells from the one `back` before `col` on.
-    #[inline(always)]
-    fn eight(&self, number: usize, col: usize, back: usize) -> Eight<T> {
-        let cells = self.line(number).get(PAD + col - back..);
-        cells.and_then(<[T]>::first_chunk::<LANES>).copied().unwrap_or_default()
-    }
-
-    #[inline(always)]
-    fn put(&mut self, number: usize, col: usize, eight: Eight<T>) {
-        if let Some(cells) = self.line_mut(number).get_mut(PAD + col..).and_then(<[T]>::first_chunk_mut::<LANES>) {
-            *cells = eight;
-        }
-    }
-
-    /// Gives a line the cells beyond its ends: those of the other end where it is closed.
-    fn close(&mut self, number: usize, cols: usize) {
-        let line = self.line_mut(number);
-        line.copy_within(cols..cols + PAD, 0);
-        line.copy_within(PAD..2 * PAD, PAD + cols);
-    }
-}
+/// The bits of the neighbours to the right, below, to the left and above.
+const RIGHT: u32 = 0;
+const BELOW: u32 = 2;
+const LEFT: u32 = 4;
+const ABOVE: u32 = 6;
 
 /// The lines at work of one block.
 #[derive(Debug, Default)]
@@ -87,13 +35,17 @@ pub(super) struct ScoreLines {
     obstacle: Ring<f32>,
     /// [`VALID`] and its like.
     state: Ring<u32>,
+    /// What the legs of the mesh say: to the next cell of the line, and to the next line.
+    step_along: Ring<f32>,
+    step_across: Ring<f32>,
     /// The finished parts of the records: quality, normal, area.
     shape: [Ring<u32>; 3],
 }
 
 impl ScoreLines {
     fn reset(&mut self, cols: usize) {
-        self.level.iter_mut().chain([&mut self.navigable, &mut self.obstacle]).for_each(|ring| ring.reset(cols));
+        let floats = self.level.iter_mut().chain([&mut self.navigable, &mut self.obstacle]);
+        floats.chain([&mut self.step_along, &mut self.step_across]).for_each(|ring| ring.reset(cols));
         self.shape.iter_mut().chain([&mut self.state]).for_each(|ring| ring.reset(cols));
     }
 
@@ -121,6 +73,9 @@ impl ScoreLines {
         };
         for number in 0..count + 2 * REACH {
             self.take(rule, number, line_of(number), points, surface, topology);
+            if number >= 1 && rule.has_steps() {
+                self.measure_steps(number - 1, line_of(number - 1), surface, topology);
+            }
             if number >= 2 && rule.has_steps() {
                 self.raise(number - 1, line_of(number - 1), surface, topology);
             }
@@ -145,25 +100,19 @@ impl ScoreLines {
     ) {
         let cols = topology.grid.cols;
         let range = line.map_or(0..0, |line| line * cols..(line + 1) * cols);
-        let (points, shapes) = (&points[range.clone()], &surface.points()[range]);
-        for col in (0..cols).step_by(LANES) {
-            let end = (col + LANES).min(points.len());
-            let given = shapes.get(col..end).unwrap_or_default();
-            // Half of a scan is sky.
-            if given.iter().all(|shape| shape.area == 0.0) {
-                self.skip(number, col);
+        let (points, shapes) = (&points[range.clone()], &surface.points()[range.clone()]);
+        let links = &surface.links()[range];
+        for col in (0..cols).step_by(WIDE) {
+            let end = (col + WIDE).min(points.len());
+            // Half of a scan is sky. What has a surface has a triangle, and so a link.
+            if union(links.get(col..end).unwrap_or_default()) == 0 {
+                self.navigable.put(number, col, &[0.0; WIDE]);
+                self.obstacle.put(number, col, &[0.0; WIDE]);
+                self.state.put(number, col, &[0; WIDE]);
                 continue;
             }
-            let rest;
-            let whole = points[col..end].first_chunk::<LANES>().zip(given.first_chunk::<LANES>());
-            let (point, shape) = match whole {
-                Some(eight) => eight,
-                None => {
-                    rest = (padded(&points[col..end], Point::EMPTY), padded(given, SurfacePoint::default()));
-                    (&rest.0, &rest.1)
-                }
-            };
-            self.take_eight(rule, number, col, point, shape);
+            let given = Given::of(&points[col..end], &shapes[col..end]);
+            self.take_some(rule, number, col, &given);
         }
         if topology.wraps_cols {
             let lines = self.level.iter_mut().chain([&mut self.navigable, &mut self.obstacle]);
@@ -172,52 +121,76 @@ impl ScoreLines {
         }
     }
 
-    /// Eight cells without a surface.
     #[inline(always)]
-    fn skip(&mut self, number: usize, col: usize) {
-        self.navigable.put(number, col, [0.0; LANES]);
-        self.obstacle.put(number, col, [0.0; LANES]);
-        self.state.put(number, col, [0; LANES]);
+    fn take_some(&mut self, rule: &Rule, number: usize, col: usize, given: &Given) {
+        use {HeightForm as H, ObstacleForm as O};
+        // The forms are told apart here: a loop in which they are is not worked off many cells at a time.
+        let is_literal = rule.obstacle_form() == O::Literal;
+        match (rule.height_form(), is_literal) {
+            (H::Calibrated, false) => self.own_scores(rule, (H::Calibrated, O::Calibrated), number, col, given),
+            (H::Calibrated, true) => self.own_scores(rule, (H::Calibrated, O::Literal), number, col, given),
+            (H::Gentle, false) => self.own_scores(rule, (H::Gentle, O::Calibrated), number, col, given),
+            (H::Gentle, true) => self.own_scores(rule, (H::Gentle, O::Literal), number, col, given),
+            (H::Literal, false) => self.own_scores(rule, (H::Literal, O::Calibrated), number, col, given),
+            (H::Literal, true) => self.own_scores(rule, (H::Literal, O::Literal), number, col, given),
+        }
+        let (mut quality, mut normal, mut area) = ([0; WIDE], [0; WIDE], [0; WIDE]);
+        for k in 0..WIDE {
+            quality[k] = quantise_bits(given.quality[k]);
+            normal[k] = pair(normal_bits(given.normal[0][k]), normal_bits(given.normal[1][k]));
+            area[k] = given.area[k].to_bits();
+        }
+        let [qualities, normals, areas] = &mut self.shape;
+        qualities.put(number, col, &quality);
+        normals.put(number, col, &normal);
+        areas.put(number, col, &area);
     }
 
     #[inline(always)]
-    fn take_eight(
-        &mut self,
-        rule: &Rule,
-        number: usize,
-        col: usize,
-        points: &Eight<Point>,
-        shapes: &Eight<SurfacePoint>,
-    ) {
-        let (mut at, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-        let (mut incidence, mut quality, mut area) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
-        for k in 0..LANES {
-            let (point, shape) = (&points[k], &shapes[k]);
-            (at[0][k], at[1][k], at[2][k]) = (point.x, point.y, point.z);
-            (normal[0][k], normal[1][k], normal[2][k]) = (shape.normal[0], shape.normal[1], shape.normal[2]);
-            (incidence[k], quality[k], area[k]) = (shape.incidence, shape.quality, shape.area.to_bits());
-        }
-        let mut level = [[0.0; LANES]; 3];
-        let (mut navigable, mut obstacle, mut state) = ([0.0; LANES], [0.0; LANES], [0; LANES]);
-        let (mut quality_word, mut normal_word) = ([0; LANES], [0; LANES]);
-        for k in 0..LANES {
-            let n = [normal[0][k], normal[1][k], normal[2][k]];
-            let own = rule.own([at[0][k], at[1][k], at[2][k]], n, incidence[k]);
+    fn own_scores(&mut self, rule: &Rule, forms: (HeightForm, ObstacleForm), number: usize, col: usize, given: &Given) {
+        let Given { at, normal, incidence, .. } = given;
+        let mut level = [[0.0; WIDE]; 3];
+        let (mut navigable, mut obstacle, mut state) = ([0.0; WIDE], [0.0; WIDE], [0; WIDE]);
+        for k in 0..WIDE {
+            let (at, normal) = ([at[0][k], at[1][k], at[2][k]], [normal[0][k], normal[1][k], normal[2][k]]);
+            let own = rule.own_by_forms(forms, at, normal, incidence[k]);
             (level[0][k], level[1][k], level[2][k]) = (own.level[0], own.level[1], own.level[2]);
             (navigable[k], obstacle[k], state[k]) = (own.navigable, own.obstacle, own.state);
-            quality_word[k] = quantise_bits(quality[k]);
-            normal_word[k] = pair(normal_bits(n[0]), normal_bits(n[1]));
         }
         for (ring, values) in self.level.iter_mut().zip(&level) {
-            ring.put(number, col, *values);
+            ring.put(number, col, values);
         }
-        self.navigable.put(number, col, navigable);
-        self.obstacle.put(number, col, obstacle);
-        self.state.put(number, col, state);
-        let [qualities, normals, areas] = &mut self.shape;
-        qualities.put(number, col, quality_word);
-        normals.put(number, col, normal_word);
-        areas.put(number, col, area);
+        self.navigable.put(number, col, &navigable);
+        self.obstacle.put(number, col, &obstacle);
+        self.state.put(number, col, &state);
+    }
+
+    /// What the legs from the cells of a line to the next cell, and to the next line, say of obstacles; nothing where the
+    /// mesh has none.
+    #[inline(always)]
+    fn measure_steps(&mut self, number: usize, line: Option<usize>, surface: &Surface, topology: &Topology) {
+        let cols = topology.grid.cols;
+        for col in (0..cols).step_by(WIDE) {
+            let links = line.map_or([0; WIDE], |line| some_links(surface, line * cols, col, cols));
+            let (mut along, mut across) = ([0.0; WIDE], [0.0; WIDE]);
+            if union(&links) & (1 << RIGHT | 1 << BELOW) != 0 {
+                let here = self.level_of(number, col);
+                leg_scores(here, self.level_of(number, col + 1), &links, RIGHT, &mut along);
+                leg_scores(here, self.level_of(number + 1, col), &links, BELOW, &mut across);
+            }
+            self.step_along.put(number, col, &along);
+            self.step_across.put(number, col, &across);
+        }
+        if topology.wraps_cols {
+            self.step_along.close(number, cols);
+        }
+    }
+
+    /// Some positions.
+    #[inline(always)]
+    fn level_of(&self, number: usize, col: usize) -> [&[f32; WIDE]; 3] {
+        let [x, y, z] = &self.level;
+        [x.some(number, col), y.some(number, col), z.some(number, col)]
     }
 
     /// Raises B_l of a line where the mesh steps up or down to a neighbour in the line or the column.
@@ -225,40 +198,24 @@ impl ScoreLines {
     fn raise(&mut self, number: usize, line: Option<usize>, surface: &Surface, topology: &Topology) {
         let Some(line) = line else { return };
         let cols = topology.grid.cols;
-        for col in (0..cols).step_by(LANES) {
-            let links = eight_links(surface, line * cols, col, cols);
-            if links == [0; LANES] {
+        for col in (0..cols).step_by(WIDE) {
+            if union(&some_links(surface, line * cols, col, cols)) == 0 {
                 continue;
             }
-            let [x, y, z] = self.level_of(number, col, 0);
-            let mut step = [0.0f32; LANES];
-            for [one, other] in PAIRS {
-                for bit in [one, other] {
-                    let (down, across) = AROUND[bit];
-                    let [to_x, to_y, to_z] = self.level_of(number + down - 1, col + across, 1);
-                    for k in 0..LANES {
-                        let score = step_score([to_x[k] - x[k], to_y[k] - y[k], to_z[k] - z[k]]);
-                        let is_linked = links[k] >> bit & 1 != 0;
-                        step[k] = step[k].max(if is_linked { score } else { 0.0 });
-                    }
-                }
+            let (right, left) = (self.step_along.some(number, col), self.step_along.some_before(number, col));
+            let (below, above) = (self.step_across.some(number, col), self.step_across.some(number - 1, col));
+            let (own, state) = (self.obstacle.some(number, col), self.state.some(number, col));
+            let mut obstacle = [0.0; WIDE];
+            for k in 0..WIDE {
+                let step = greater(greater(right[k], left[k]), greater(below[k], above[k]));
+                let is_low = mask((state[k] & LOW) / LOW);
+                obstacle[k] = greater(own[k], f32::from_bits(step.to_bits() & is_low));
             }
-            let (mut obstacle, state) = (self.obstacle.eight(number, col, 0), self.state.eight(number, col, 0));
-            for k in 0..LANES {
-                obstacle[k] = if state[k] & LOW != 0 { obstacle[k].max(step[k]) } else { obstacle[k] };
-            }
-            self.obstacle.put(number, col, obstacle);
+            self.obstacle.put(number, col, &obstacle);
         }
         if topology.wraps_cols {
             self.obstacle.close(number, cols);
         }
-    }
-
-    /// Eight positions.
-    #[inline(always)]
-    fn level_of(&self, number: usize, col: usize, back: usize) -> [Eight<f32>; 3] {
-        let [x, y, z] = &self.level;
-        [x.eight(number, col, back), y.eight(number, col, back), z.eight(number, col, back)]
     }
 
     /// The records of a line: its own scores and the means of its neighbours' (3.17 to 3.21), its quality and shape.
@@ -273,41 +230,40 @@ impl ScoreLines {
     ) -> Tally {
         let (mut tally, cols) = (Tally::default(), out.len());
         let start = line.unwrap_or(0) * cols;
-        let mut sums = [[0u32; LANES]; 3];
-        for col in (0..cols).step_by(LANES) {
-            let records = &mut out[col..(col + LANES).min(cols)];
-            let state = self.state.eight(number, col, 0);
-            let links = eight_links(surface, start, col, cols);
-            let mut kept = [0; LANES];
-            for (k, kept) in kept.iter_mut().enumerate().take(records.len()) {
-                *kept = u32::from(PointScore::KEPT_WITHOUT * surface.kept_bits(start + col + k));
-            }
-            if state == [0; LANES] {
+        let mut sums = [[0u32; WIDE]; 3];
+        for col in (0..cols).step_by(WIDE) {
+            let records = &mut out[col..(col + WIDE).min(cols)];
+            let kept = &surface.triangles()[start + col..][..records.len()];
+            let links = some_links(surface, start, col, cols);
+            if union(&links) == 0 {
                 for (record, kept) in records.iter_mut().zip(kept) {
-                    *record = [0, pair(0, kept), 0, 0];
+                    *record = [0, pair(0, kept_flags(*kept)), 0, 0];
                 }
                 continue;
             }
+            let state = self.state.some(number, col);
             let [f_mean, b_mean] = self.neighbour_means(rule, number, col, &links);
-            let (f, b) = (self.navigable.eight(number, col, 0), self.obstacle.eight(number, col, 0));
+            let (f, b) = (self.navigable.some(number, col), self.obstacle.some(number, col));
             let [qualities, normals, areas] = &self.shape;
-            let (quality, normal) = (qualities.eight(number, col, 0), normals.eight(number, col, 0));
-            let area = areas.eight(number, col, 0);
-            let mut words = [[0; LANES]; 4];
-            for k in 0..LANES {
+            let (quality, normal) = (qualities.some(number, col), normals.some(number, col));
+            let area = areas.some(number, col);
+            let mut words = [[0; 4]; WIDE];
+            for k in 0..WIDE {
                 let [f, b] = rule.combine([f[k], b[k]], [f_mean[k], b_mean[k]]);
-                let (valid, reach) = (mask(state[k] & VALID), mask((state[k] & REACHABLE) >> 1));
-                let flags = kept[k] | state[k] & (VALID | REACHABLE | NEGATIVE);
-                words[0][k] = pair(quantise_bits(f), quantise_bits(b)) & reach;
-                words[1][k] = pair(quality[k] & valid, flags);
-                words[2][k] = normal[k] & valid;
-                words[3][k] = area[k] & valid;
-                sums[0][k] = sums[0][k].wrapping_add(state[k] & VALID);
-                sums[1][k] = sums[1][k].wrapping_add((state[k] & REACHABLE) >> 1);
+                let (is_valid, is_reachable) = (state[k] & VALID, (state[k] & REACHABLE) >> 1);
+                let (valid, reach) = (mask(is_valid), mask(is_reachable));
+                words[k] = [
+                    pair(quantise_bits(f), quantise_bits(b)) & reach,
+                    pair(quality[k] & valid, state[k] & (VALID | REACHABLE | NEGATIVE)),
+                    normal[k] & valid,
+                    area[k] & valid,
+                ];
+                sums[0][k] = sums[0][k].wrapping_add(is_valid);
+                sums[1][k] = sums[1][k].wrapping_add(is_reachable);
                 sums[2][k] = sums[2][k].wrapping_add(quality[k] & valid);
             }
-            for (k, record) in records.iter_mut().enumerate() {
-                *record = [words[0][k], words[1][k], words[2][k], words[3][k]];
+            for ((record, words), kept) in records.iter_mut().zip(&words).zip(kept) {
+                *record = [words[0], words[1] | pair(0, kept_flags(*kept)), words[2], words[3]];
             }
         }
         let [valid, reachable, quality] = sums.map(|sum| sum.iter().map(|count| u64::from(*count)).sum::<u64>());
@@ -315,65 +271,84 @@ impl ScoreLines {
         tally
     }
 
-    /// F_g and B_g of eight cells: the mean of F_l and B_l over their neighbours; with steps B_g is no less than the
+    /// F_g and B_g of some cells: the mean of F_l and B_l over their neighbours; with steps B_g is no less than the
     /// smaller of the two neighbours' in the same line, or in the same column: a face of one line of rays keeps its score
     /// beside the ground over and under it.
     #[inline(always)]
-    fn neighbour_means(&self, rule: &Rule, number: usize, col: usize, links: &Eight<u32>) -> [Eight<f32>; 2] {
-        let (mut f, mut b, mut count) = ([0.0f32; LANES], [0.0f32; LANES], [0u32; LANES]);
+    fn neighbour_means(&self, rule: &Rule, number: usize, col: usize, links: &[u8; WIDE]) -> [[f32; WIDE]; 2] {
+        let (mut f, mut b, mut count) = ([0.0f32; WIDE], [0.0f32; WIDE], [0u32; WIDE]);
         for (bit, (down, across)) in AROUND.iter().enumerate() {
             let (there, col) = (number + down - 1, col + across);
-            let (navigable, obstacle) = (self.navigable.eight(there, col, 1), self.obstacle.eight(there, col, 1));
-            let state = self.state.eight(there, col, 1);
-            for k in 0..LANES {
-                let is_linked = links[k] >> bit & state[k] & VALID;
+            let (navigable, obstacle) = (self.navigable.some_before(there, col), self.obstacle.some_before(there, col));
+            let state = self.state.some_before(there, col);
+            for k in 0..WIDE {
+                let is_linked = u32::from(links[k]) >> bit & state[k] & VALID;
                 f[k] += f32::from_bits(navigable[k].to_bits() & mask(is_linked));
                 b[k] += f32::from_bits(obstacle[k].to_bits() & mask(is_linked));
                 count[k] = count[k].wrapping_add(is_linked);
             }
         }
-        for k in 0..LANES {
+        for k in 0..WIDE {
             let share = 1.0 / (count[k].max(1) as i32 as f32);
             (f[k], b[k]) = (f[k] * share, b[k] * share);
         }
         if !rule.has_steps() {
             return [f, b];
         }
-        for [one, other] in PAIRS {
-            let ((down, across), (up, back)) = (AROUND[one], AROUND[other]);
-            let first = self.obstacle.eight(number + down - 1, col + across, 1);
-            let second = self.obstacle.eight(number + up - 1, col + back, 1);
-            for k in 0..LANES {
-                let both = mask(links[k] >> one & links[k] >> other & 1);
-                b[k] = b[k].max(f32::from_bits(first[k].min(second[k]).to_bits() & both));
+        for (one, other) in [(RIGHT, LEFT), (BELOW, ABOVE)] {
+            let ((down, across), (up, back)) = (AROUND[one as usize], AROUND[other as usize]);
+            let first = self.obstacle.some_before(number + down - 1, col + across);
+            let second = self.obstacle.some_before(number + up - 1, col + back);
+            for k in 0..WIDE {
+                let both = mask(u32::from(links[k]) >> one & u32::from(links[k]) >> other & 1);
+                let smaller = if first[k] < second[k] { first[k] } else { second[k] };
+                b[k] = greater(b[k], f32::from_bits(smaller.to_bits() & both));
             }
         }
         [f, b]
     }
 }
 
-/// The links of eight cells of the line that begins at `start`; none beyond its end.
+/// What legs from some points to others say of obstacles, where the mesh has them.
 #[inline(always)]
-fn eight_links(surface: &Surface, start: usize, col: usize, cols: usize) -> Eight<u32> {
-    let links = &surface.links()[start + col..start + cols];
-    let mut eight = [0; LANES];
-    if let Some(links) = links.first_chunk::<LANES>() {
-        for k in 0..LANES {
-            eight[k] = u32::from(links[k]);
-        }
-    } else {
-        for (eight, link) in eight.iter_mut().zip(links) {
-            *eight = u32::from(*link);
-        }
+fn leg_scores(
+    [x, y, z]: [&[f32; WIDE]; 3],
+    [to_x, to_y, to_z]: [&[f32; WIDE]; 3],
+    links: &[u8; WIDE],
+    bit: u32,
+    out: &mut [f32; WIDE],
+) {
+    for k in 0..WIDE {
+        let score = step_score([to_x[k] - x[k], to_y[k] - y[k], to_z[k] - z[k]]);
+        out[k] = f32::from_bits(score.to_bits() & mask(u32::from(links[k]) >> bit & 1));
     }
-    eight
 }
 
-/// The last cells of a line, made up to eight.
-fn padded<T: Copy>(given: &[T], empty: T) -> Eight<T> {
-    let mut eight = [empty; LANES];
-    eight[..given.len()].copy_from_slice(given);
-    eight
+/// The links of some cells of the line that begins at `start`; none beyond its end.
+#[inline(always)]
+fn some_links(surface: &Surface, start: usize, col: usize, cols: usize) -> [u8; WIDE] {
+    let links = &surface.links()[start + col..start + cols];
+    if let Some(links) = links.first_chunk() {
+        return *links;
+    }
+    let mut some = [0; WIDE];
+    for (some, link) in some.iter_mut().zip(links) {
+        *some = *link;
+    }
+    some
+}
+
+/// The flags of the kept triangles of a cell.
+#[inline(always)]
+fn kept_flags(triangles: u8) -> u32 {
+    const _: () = assert!(PointScore::KEPT_WITHOUT == 1 << 4);
+    u32::from(triangles & 0x0f) << 4
+}
+
+/// The greater of two scores; one instruction, unlike `f32::max`.
+#[inline(always)]
+fn greater(first: f32, second: f32) -> f32 {
+    if first > second { first } else { second }
 }
 
 /// All ones for 1, none for 0.

@@ -11,6 +11,7 @@ mod lines;
 mod navigable;
 mod obstacle;
 mod point_score;
+mod ring;
 mod scorer;
 mod zones;
 

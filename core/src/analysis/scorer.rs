@@ -209,19 +209,40 @@ impl Rule {
         [a[0] * x + a[1] * y + a[2] * z, b[0] * x + b[1] * y + b[2] * z, c[0] * x + c[1] * y + c[2] * z]
     }
 
-    /// F_l (3.14) and B_l (3.19) of a point of the scanner's frame with its normal, which is zero where there is none.
     #[inline(always)]
+    pub(super) fn height_form(&self) -> HeightForm {
+        self.height_form
+    }
+
+    #[inline(always)]
+    pub(super) fn obstacle_form(&self) -> ObstacleForm {
+        self.obstacle_form
+    }
+
+    /// F_l (3.14) and B_l (3.19) of a point of the scanner's frame with its normal, which is zero where there is none.
     pub(super) fn own(&self, point: [f32; 3], normal: [f32; 3], incidence: f32) -> Own {
+        self.own_by_forms((self.height_form, self.obstacle_form), point, normal, incidence)
+    }
+
+    /// As [`Rule::own`], with the rule's forms known to the compiler.
+    #[inline(always)]
+    pub(super) fn own_by_forms(
+        &self,
+        (height_form, obstacle_form): (HeightForm, ObstacleForm),
+        point: [f32; 3],
+        normal: [f32; 3],
+        incidence: f32,
+    ) -> Own {
         let is_valid = (normal[0] != 0.0) | (normal[1] != 0.0) | (normal[2] != 0.0);
         let level = self.to_level(point);
         let (height, distance) = (level[2] + self.scanner_height, length(level[0], level[1]));
         let is_reachable = is_valid & within_reach(height, distance, self.tan_theta, self.robot_height);
         let is_low = is_reachable & (height <= self.robot_height);
         let [normal_x, normal_y, normal_z] = self.to_level(normal);
-        let h = height_factor(self.height_form, height, distance, self.tan_theta);
+        let h = height_factor(height_form, height, distance, self.tan_theta);
         let f = slope_factor(normal_z, self.cos_theta) * h;
         let horizontal = length(normal_x, normal_y).min(1.0);
-        let b = obstacle_score(self.obstacle_form, horizontal, incidence, h);
+        let b = obstacle_score(obstacle_form, horizontal, incidence, h);
         let bit = |holds: bool, bit: u32| if holds { bit } else { 0 };
         Own {
             level,

@@ -167,6 +167,12 @@ impl Surface {
         &self.links
     }
 
+    /// Per cell of the mesh its kept triangles in the low four bits and the discarded ones in the high four; bit k leaves
+    /// out corner k.
+    pub(crate) fn triangles(&self) -> &[u8] {
+        &self.triangles
+    }
+
     /// Works out the steps to the cells around.
     pub(super) fn set_link_steps(&mut self, topology: &Topology) {
         let (cols, cells) = (topology.grid.cols as isize, topology.grid.cells() as isize);
