@@ -82,6 +82,7 @@ pub fn coarser(fine: &ScannerConfig, times: usize) -> ScannerConfig {
 pub fn planning_config(scanner: &ScannerConfig) -> PlanningConfig {
     let mut config = PlanningConfig::default();
     config.scanner.range_m = scanner.range_max_m;
+    config.scanner.ground_range_m = scanner.ground_range_m();
     config.scanner.height_m = scanner.height_m;
     config.scanner.azimuth_step_deg = scanner.turn_deg / scanner.sweeps as f64;
     config.scanner.elevation_step_deg = scanner.beam_step_deg;

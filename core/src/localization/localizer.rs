@@ -225,8 +225,10 @@ impl Localizer {
         }
     }
 
-    /// The pose that alignment found for a scan, with its covariance (in the scanner's frame; all zero is taken for
-    /// 0.05 m and 0.5 deg). The robot may have moved on since.
+    /// The pose that alignment found for a scan, with its covariance against the scan it was aligned to (in the scanner's
+    /// frame; all zero is taken for 0.05 m and 0.5 deg): the estimate is the place in the map as it is, so what the map has
+    /// drifted by since its first scan does not count, else the receiver would pull the robot off it. The robot may have
+    /// moved on since.
     pub fn align(&mut self, scan: u32, map_from_scanner: &Pose, covariance: &Covariance) -> ScanPoseUse {
         let Some((_, then)) = self.anchor.filter(|(anchor, _)| *anchor == scan) else { return ScanPoseUse::Unknown };
         let rows = map_from_scanner.to_homogeneous();

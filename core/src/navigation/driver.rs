@@ -156,6 +156,11 @@ impl Driver {
         }
     }
 
+    /// The map has moved under the path.
+    pub fn move_path(&mut self, new_from_old: &Pose) {
+        self.path.move_by(new_from_old);
+    }
+
     /// The path.
     #[must_use]
     pub fn path(&self) -> &Path {

@@ -5,9 +5,15 @@ use super::driver::{Drive, DriveState, Driver, GiveUp, RobotNow};
 use super::obstacles::{Echo, LaserView, Surroundings};
 use super::path::Path;
 use super::watch::{SensorFault, Watch, WatchCounters};
+use crate::geometry::Pose;
 
 /// A scan that was asked for and does not begin is asked for again after this time [s].
 const ASK_AGAIN_S: f64 = 5.0;
+/// The robot has stood for so long before a scan is asked for [s]: braking, and rocking on its wheels after it, would distort
+/// the scan. It stands below this speed [m/s], or is taken to after this time [s].
+const STAND_S: f64 = 1.0;
+const STANDING: f64 = 0.02;
+const LONGEST_STAND_S: f64 = 3.0;
 
 /// What a view plan decides.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,6 +42,11 @@ pub struct RobotWord {
 pub enum MissionState {
     /// Nothing is known of the robot yet.
     Begin,
+    /// The robot comes to rest where it will take this scan.
+    Settling {
+        /// Which.
+        scan: u32,
+    },
     /// The head turns, or will, for this scan.
     Scanning {
         /// Which.
@@ -82,6 +93,8 @@ struct Planned {
     decision: Option<(u32, Decision, String)>,
     path: Option<(u32, Vec<[f64; 3]>)>,
     corrected: Option<u32>,
+    /// By what the map has moved where a scan was taken, since its path was planned.
+    moved: Option<(u32, Pose)>,
 }
 
 /// Keeps the exploration going.
@@ -97,6 +110,9 @@ pub struct Mission {
     fault: Option<SensorFault>,
     asked_ns: i64,
     has_turned: bool,
+    /// Since when the robot is to stand, and does.
+    settling_ns: i64,
+    standing_ns: i64,
     /// Scans whose plans have been taken.
     planned_scans: u32,
     give_ups: u32,
@@ -119,6 +135,8 @@ impl Mission {
             fault: None,
             asked_ns: 0,
             has_turned: false,
+            settling_ns: 0,
+            standing_ns: 0,
             planned_scans: 0,
             give_ups: 0,
             last_give_up: None,
@@ -196,6 +214,15 @@ impl Mission {
         self.planned.path = Some((scan, waypoints));
     }
 
+    /// The pose of a scan was corrected after the path from it was planned: `new_from_old` moves the map there. The path moves
+    /// along, as the estimate of the robot's pose does.
+    pub fn moved(&mut self, scan: u32, new_from_old: &Pose) {
+        match (&self.state, &mut self.driver) {
+            (MissionState::Driving { scan: of }, Some(driver)) if *of == scan => driver.move_path(new_from_old),
+            _ => self.planned.moved = Some((scan, *new_from_old)),
+        }
+    }
+
     /// Alignment has said what came of older scans after a scan.
     pub fn corrected(&mut self, scan: u32) {
         self.planned.corrected = Some(scan);
@@ -207,6 +234,7 @@ impl Mission {
         let Some(word) = self.word else { return stand(None) };
         match self.state.clone() {
             MissionState::Begin => self.begin(now, &word),
+            MissionState::Settling { scan } => self.settle(now, scan),
             MissionState::Scanning { scan } => self.scan(now, &word, scan),
             MissionState::Planning { scan } => self.await_plan(now, scan),
             MissionState::Driving { scan } => self.drive(now, &word, scan),
@@ -225,7 +253,24 @@ impl Mission {
             self.state = MissionState::Planning { scan: word.scans - 1 };
             return self.await_plan(now, word.scans - 1);
         }
-        self.ask(now, 0)
+        self.come_to_rest(now, 0)
+    }
+
+    fn come_to_rest(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
+        (self.settling_ns, self.standing_ns) = (now.stamp_ns, now.stamp_ns);
+        self.state = MissionState::Settling { scan };
+        stand(None)
+    }
+
+    fn settle(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
+        if now.linear.abs() > STANDING {
+            self.standing_ns = now.stamp_ns;
+        }
+        let since = |then: i64| now.stamp_ns.saturating_sub(then) as f64 * 1e-9;
+        if since(self.standing_ns) >= STAND_S || since(self.settling_ns) >= LONGEST_STAND_S {
+            return self.ask(now, scan);
+        }
+        stand(None)
     }
 
     fn ask(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
@@ -263,10 +308,15 @@ impl Mission {
         (self.last_give_up, self.planned_scans) = (None, scan.saturating_add(1));
         match Path::new(&waypoints) {
             Ok(path) => {
-                self.driver = Some(Driver::new(path));
+                let mut driver = Driver::new(path);
+                if let Some((_, new_from_old)) = self.planned.moved.take_if(|(of, _)| *of == scan) {
+                    driver.move_path(&new_from_old);
+                }
+                self.driver = Some(driver);
                 self.state = MissionState::Driving { scan };
-                // The sensors have had no chance to speak while the step was not answered.
-                self.drive(now, &self.word.unwrap_or_default(), scan)
+                // The pose at hand is older than the alignment of the scan, by which it may be a good way off the path that
+                // begins at the aligned one; the next step's is not.
+                stand(None)
             }
             Err(error) => self.gave_up(now, scan, GiveUp::NoPath(error)),
         }
@@ -279,7 +329,7 @@ impl Mission {
         match state {
             DriveState::Arrived => {
                 self.give_ups = 0;
-                self.ask(now, scan.saturating_add(1))
+                self.come_to_rest(now, scan.saturating_add(1))
             }
             DriveState::GaveUp(reason) => self.gave_up(now, scan, reason),
             _ => MissionStep::Answer { linear, angular, request: None },
@@ -294,7 +344,7 @@ impl Mission {
             self.end(format!("{} targets given up in a row; the last: {reason}", self.give_ups), true);
             return stand(None);
         }
-        self.ask(now, scan.saturating_add(1))
+        self.come_to_rest(now, scan.saturating_add(1))
     }
 
     fn end(&mut self, reason: String, is_fault: bool) {

@@ -1,7 +1,9 @@
 //! A path as straight pieces, and where the robot is along it.
 
-use nalgebra::Vector2;
+use nalgebra::{Point3, Vector2};
 use thiserror::Error;
+
+use crate::geometry::Pose;
 
 /// Why waypoints are no path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -59,6 +61,13 @@ impl Path {
     #[must_use]
     pub fn length(&self) -> f64 {
         self.along.last().copied().unwrap_or(0.0)
+    }
+
+    /// Moves it as a whole; what is left of it is as long as before but for the tilt of the motion, which is next to none.
+    pub fn move_by(&mut self, new_from_old: &Pose) {
+        for point in &mut self.points {
+            *point = (new_from_old * Point3::from(*point)).coords.into();
+        }
     }
 
     /// Where it leads.

@@ -162,6 +162,18 @@ impl ScannerConfig {
         (1000.0 * strength).clamp(1.0, 65535.0) as u16
     }
 
+    /// How far off level ground of middling brightness is seen half of the time [m], no farther than anything is: the beam
+    /// grazes it at an angle whose sine is height over range, so the light that returns falls with the cube of the range.
+    #[must_use]
+    pub fn ground_range_m(&self) -> f64 {
+        /// Of soil, grass and asphalt.
+        const REFLECTANCE: f64 = 0.3;
+        if self.dark_range_m <= 0.0 {
+            return self.range_max_m;
+        }
+        (10.0 * REFLECTANCE * self.dark_range_m.powi(2) * self.height_m).cbrt().min(self.range_max_m)
+    }
+
     /// The same scanner without noise, dropouts and mixed ranges: what it gives is the truth.
     #[must_use]
     pub fn noise_free(&self) -> Self {

@@ -15,6 +15,9 @@ use super::robot::{Robot, SensorKind};
 use super::sensors::{RangerMount, SensorsConfig, TurningLaserError};
 use crate::geometry::Pose;
 
+/// The robots have stood at their starts for up to this long when time begins [s].
+const SETTLE_S: f64 = 5.0;
+
 /// What a world is simulated with.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -72,7 +75,7 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Puts the world's robots at their starts; the source's robot at the world's start when the file names none.
+    /// Puts the world's robots at their starts, at rest; the source's robot at the world's start when the file names none.
     ///
     /// # Errors
     /// When a robot cannot stand where it starts, or one of its parts cannot be built.
@@ -80,7 +83,8 @@ impl Simulator {
         let usual = [Robot { start: scene.scene().start, ..Robot::default() }];
         let named = &scene.scene().robots;
         let robots = if named.is_empty() { usual.to_vec() } else { named.clone() };
-        let physics = Physics::new(&scene, &robots, config.physics)?;
+        let mut physics = Physics::new(&scene, &robots, config.physics)?;
+        physics.settle(SETTLE_S);
         let rigs = robots.into_iter().enumerate().map(|(number, robot)| Rig::new(robot, number as u64, &config));
         let robots = rigs.collect::<Result<_, _>>()?;
         Ok(Self { scene, physics, config, robots })

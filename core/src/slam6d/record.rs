@@ -18,6 +18,8 @@ pub enum HypothesisName {
     ConstantMotion,
     /// The same, with the larger pair distance.
     ConstantMotionWide,
+    /// The prior again, against an older scan near it, for a scan that does not fit the last accepted one.
+    OlderScan,
     /// The scanner stands where it was.
     ZeroMotion,
     /// Found by the search of the odometry around the last pose; the start given is the predicted one.
@@ -68,7 +70,8 @@ pub struct AlignmentRecord {
     pub method: String,
     /// The pose it came with, `map_from_scanner` by odometry.
     pub prior: Option<Pose>,
-    /// What was tried, in order; the last one was accepted when the status is `Aligned`.
+    /// What was tried, in order; the last one was accepted when the status is `Aligned`. Start and result of each are seen
+    /// from the scan it was tried against: `target_id`, but for those of older scans that were not accepted.
     pub hypotheses: Vec<Hypothesis>,
     /// The chosen pose.
     pub map_from_scanner: Pose,

@@ -6,13 +6,14 @@ use nalgebra::Matrix6;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
+use super::prior::{Prior, weigh};
 use super::verifier::Verifier;
 use super::{
     AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
     TargetState,
 };
 use crate::geometry::{Covariance, Pose, adjoint};
-use crate::registration::coarse::CoarseConfig;
+use crate::registration::coarse::{CoarseConfig, Evidence};
 use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
 
@@ -26,6 +27,9 @@ pub struct SequentialConfig {
     pub acceptance: AcceptanceConfig,
     /// The pair distance of the second attempt from the same start [m].
     pub wide_pair_distance_m: f64,
+    /// A pose within so many standard deviations of its prior's and its own from the one expected by the prior is weighed with
+    /// it; 0 never weighs. Only for priors that come with a covariance.
+    pub prior_gate_sigmas: f64,
     /// The standard deviation of the position of a scan that was not aligned [m].
     pub guess_sigma_m: f64,
     /// The standard deviation of the angles of a scan that was not aligned [rad].
@@ -38,6 +42,7 @@ impl Default for SequentialConfig {
             limits: Limits::default(),
             acceptance: AcceptanceConfig::default(),
             wide_pair_distance_m: 5.0,
+            prior_gate_sigmas: 5.0,
             guess_sigma_m: 1.0,
             guess_sigma_rotation: 0.2,
         }
@@ -53,10 +58,14 @@ impl SequentialConfig {
         self.limits.validate()?;
         self.acceptance.validate()?;
         ConfigError::check("wide_pair_distance_m", self.wide_pair_distance_m, 1e-3, 100.0)?;
+        ConfigError::check("prior_gate_sigmas", self.prior_gate_sigmas, 0.0, 1e3)?;
         ConfigError::check("guess_sigma_m", self.guess_sigma_m, 0.0, 1e4)?;
         ConfigError::check("guess_sigma_rotation", self.guess_sigma_rotation, 0.0, std::f64::consts::PI)
     }
 }
+
+/// An older scan nearer than this share of the last one's distance is a better target, where the prior can be relied on.
+const NEARER: f64 = 0.5;
 
 /// Why an aligner could not be restored.
 #[derive(Debug, Error)]
@@ -91,6 +100,33 @@ pub enum RestoreError {
     },
 }
 
+/// The accepted scans other than the last, those nearest to a guessed pose `map_from_scanner` first.
+pub(super) trait OlderScans {
+    /// How far off the nearest is [m]; infinite when there is none.
+    fn nearest_m(&mut self, guess: &Pose) -> f64;
+
+    /// The k-th, prepared by the method.
+    fn get(
+        &mut self,
+        registration: &dyn Registration,
+        guess: &Pose,
+        k: usize,
+    ) -> Option<(TargetState, Arc<dyn PreparedScan>)>;
+}
+
+/// There are none.
+struct NoOlderScans;
+
+impl OlderScans for NoOlderScans {
+    fn nearest_m(&mut self, _: &Pose) -> f64 {
+        f64::INFINITY
+    }
+
+    fn get(&mut self, _: &dyn Registration, _: &Pose, _: usize) -> Option<(TargetState, Arc<dyn PreparedScan>)> {
+        None
+    }
+}
+
 /// Aligns scan after scan. It holds one keyframe, that of the last accepted scan; its memory does not grow.
 pub struct SequentialAligner {
     registration: Box<dyn Registration>,
@@ -98,12 +134,8 @@ pub struct SequentialAligner {
     state: AlignerState,
     target: Option<Arc<dyn PreparedScan>>,
     verifier: Verifier,
-}
-
-/// An accepted pair.
-struct Accepted {
-    map_from_scanner: Pose,
-    alignment: Alignment,
+    /// Of the scan that is being aligned.
+    prior_covariance: Option<Covariance>,
 }
 
 impl SequentialAligner {
@@ -119,7 +151,14 @@ impl SequentialAligner {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         let verifier = Verifier::new(CoarseConfig::default(), spacing_m)?;
-        Ok(Self { registration, config, state: AlignerState::default(), target: None, verifier })
+        Ok(Self {
+            registration,
+            config,
+            state: AlignerState::default(),
+            target: None,
+            verifier,
+            prior_covariance: None,
+        })
     }
 
     /// With other settings of the second look at alignments that overlap little.
@@ -204,7 +243,7 @@ impl SequentialAligner {
     /// a target, and the next scan is aligned to the last accepted one.
     pub fn align_next(&mut self, scan_id: u64, scan: ScanView<'_>, prior: Option<Pose>) -> AlignmentRecord {
         let prepared = self.registration.prepare(scan);
-        self.align_prepared(scan_id, prepared, prior)
+        self.align_prepared(scan_id, prepared, prior.map(Prior::from))
     }
 
     /// As [`Self::align_next`], for a scan that was prepared already, by this method with these settings.
@@ -212,14 +251,32 @@ impl SequentialAligner {
         &mut self,
         scan_id: u64,
         prepared: Result<Box<dyn PreparedScan>, PrepareError>,
-        prior: Option<Pose>,
+        prior: Option<Prior>,
     ) -> AlignmentRecord {
-        let mut record = self.blank_record(scan_id, prior);
+        self.align_or_retry(scan_id, prepared, prior, &mut NoOlderScans)
+    }
+
+    /// As [`Self::align_prepared`]; a scan with a prior that does not fit the last accepted one is tried against older ones.
+    pub(super) fn align_or_retry(
+        &mut self,
+        scan_id: u64,
+        prepared: Result<Box<dyn PreparedScan>, PrepareError>,
+        prior: Option<Prior>,
+        older: &mut dyn OlderScans,
+    ) -> AlignmentRecord {
+        self.prior_covariance = prior.and_then(|prior| prior.covariance);
+        let mut record = self.blank_record(scan_id, prior.map(|prior| prior.map_from_scanner));
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
             Ok(prepared) => match (self.state.target, self.target.take()) {
                 (Some(target), Some(target_scan)) => {
-                    let accepted = self.align(&mut record, &target, &*target_scan, &*prepared);
+                    let accepted = if self.is_nearer_to_others(&record, &target, older) {
+                        self.retry(&mut record, older, &*prepared)
+                            || self.align(&mut record, &target, &*target_scan, &*prepared)
+                    } else {
+                        self.align(&mut record, &target, &*target_scan, &*prepared)
+                            || (prior.is_some() && self.retry(&mut record, older, &*prepared))
+                    };
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }
@@ -278,6 +335,11 @@ impl SequentialAligner {
             starts.push((HypothesisName::PriorMotion, motion, near));
             starts.push((HypothesisName::PriorMotionWide, motion, wide));
         }
+        if self.prior_covariance.is_some() && !starts.is_empty() {
+            // Who knows how sure he is of where the scan was taken is not overruled by a habit: among things that look alike
+            // that finds a place where the robot cannot be.
+            return starts;
+        }
         starts.push((HypothesisName::ConstantMotion, constant, near));
         starts.push((HypothesisName::ConstantMotionWide, constant, wide));
         starts
@@ -294,16 +356,18 @@ impl SequentialAligner {
         for (name, start, pair_distance_m) in self.starts(target, record.prior) {
             let limits = Limits { pair_distance_m, ..self.config.limits };
             let result = self.registration.align(target_scan, source, &start, &limits);
-            let (mut hypothesis, alignment) = self.judge(name, &start, &limits, result);
+            let has_prior = matches!(name, HypothesisName::PriorMotion | HypothesisName::PriorMotionWide);
+            let (mut hypothesis, alignment) = self.judge((name, has_prior), &start, &limits, result);
             let alignment = alignment.filter(|alignment| {
-                hypothesis.rejected = self.second_look(alignment, target_scan, source).err();
+                let weigh = |verifier: &mut Verifier, pose: &Pose| verifier.weigh(target_scan, source, pose);
+                hypothesis.rejected = self.second_look(alignment, weigh).err();
                 hypothesis.rejected.is_none()
             });
+            let alignment = alignment.map(|alignment| self.weigh(alignment, record, target, &mut hypothesis));
             record.iterations += hypothesis.iterations;
             record.hypotheses.push(hypothesis);
             if let Some(alignment) = alignment {
-                let map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
-                complete(record, target, Accepted { map_from_scanner, alignment });
+                complete(record, target, alignment);
                 return true;
             }
         }
@@ -313,29 +377,79 @@ impl SequentialAligner {
         false
     }
 
+    /// Whether an older scan lies much nearer to where the scan surely is than the last accepted one.
+    fn is_nearer_to_others(&self, record: &AlignmentRecord, target: &TargetState, older: &mut dyn OlderScans) -> bool {
+        let guess = record.map_from_scanner;
+        let distance = (target.map_from_scanner.translation.vector - guess.translation.vector).norm();
+        self.prior_covariance.is_some() && older.nearest_m(&guess) < NEARER * distance
+    }
+
+    /// Tries older scans, one after the other, from where the scan is guessed to be. Without this a scan that shares too
+    /// little with the last accepted one would be the end: all that follow are compared with that same one.
+    fn retry(&mut self, record: &mut AlignmentRecord, older: &mut dyn OlderScans, source: &dyn PreparedScan) -> bool {
+        let guess = record.map_from_scanner;
+        let limits = self.config.limits;
+        for k in 0.. {
+            let Some((target, target_scan)) = older.get(&*self.registration, &guess, k) else { break };
+            let start = target.map_from_scanner.inverse() * guess;
+            let result = self.registration.align(&*target_scan, source, &start, &limits);
+            let (mut hypothesis, alignment) = self.judge((HypothesisName::OlderScan, true), &start, &limits, result);
+            let alignment = alignment.filter(|alignment| {
+                let weigh = |verifier: &mut Verifier, pose: &Pose| verifier.weigh_other(&*target_scan, source, pose);
+                hypothesis.rejected = self.second_look(alignment, weigh).err();
+                hypothesis.rejected.is_none()
+            });
+            let alignment = alignment.map(|alignment| self.weigh(alignment, record, &target, &mut hypothesis));
+            record.iterations += hypothesis.iterations;
+            record.hypotheses.push(hypothesis);
+            if let Some(alignment) = alignment {
+                record.target_id = Some(target.scan_id);
+                complete(record, &target, alignment);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// An accepted alignment, weighed with the prior if that came with a covariance.
+    fn weigh(
+        &self,
+        mut alignment: Alignment,
+        record: &AlignmentRecord,
+        target: &TargetState,
+        hypothesis: &mut Hypothesis,
+    ) -> Alignment {
+        // Without a prior of the last target the guess is none of the priors'.
+        let has_prior = self.state.target.is_some_and(|target| target.prior.is_some());
+        if let Some(covariance) = self.prior_covariance.filter(|_| has_prior) {
+            let expected = target.map_from_scanner.inverse() * record.map_from_scanner;
+            weigh(&mut alignment, &expected, &covariance, self.config.prior_gate_sigmas);
+            hypothesis.result = alignment.target_from_source;
+        }
+        alignment
+    }
+
     /// Weighs an accepted alignment that overlaps little by evidence of its own.
     fn second_look(
         &mut self,
         alignment: &Alignment,
-        target: &dyn PreparedScan,
-        source: &dyn PreparedScan,
+        weigh: impl FnOnce(&mut Verifier, &Pose) -> Evidence,
     ) -> Result<(), Rejection> {
         let acceptance = self.config.acceptance;
         if !acceptance.is_doubtful(alignment) {
             return Ok(());
         }
-        acceptance.weigh(&self.verifier.weigh(target, source, &alignment.target_from_source))
+        acceptance.weigh(&weigh(&mut self.verifier, &alignment.target_from_source))
     }
 
-    /// The hypothesis as recorded, and the alignment if it is accepted.
+    /// The hypothesis as recorded, and the alignment if it is accepted; a prior holds directions that the scans leave open.
     fn judge(
         &self,
-        name: HypothesisName,
+        (name, has_prior): (HypothesisName, bool),
         start: &Pose,
         limits: &Limits,
         result: Result<Alignment, AlignError>,
     ) -> (Hypothesis, Option<Alignment>) {
-        let has_prior = matches!(name, HypothesisName::PriorMotion | HypothesisName::PriorMotionWide);
         let failed = Hypothesis {
             name,
             start: *start,
@@ -390,9 +504,8 @@ fn normalised(mut pose: Pose) -> Pose {
 }
 
 /// Writes an accepted pair into the record.
-fn complete(record: &mut AlignmentRecord, target: &TargetState, accepted: Accepted) {
-    let alignment = accepted.alignment;
-    record.map_from_scanner = accepted.map_from_scanner;
+fn complete(record: &mut AlignmentRecord, target: &TargetState, alignment: Alignment) {
+    record.map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
     // A perturbation of the target's pose seen from the source: exp(x) T = T exp(Ad(T^-1) x).
     let carried = adjoint(&alignment.target_from_source.inverse());
     record.covariance = carried * target.covariance * carried.transpose() + alignment.covariance;

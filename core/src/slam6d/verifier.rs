@@ -37,6 +37,19 @@ impl Verifier {
         aligner.verify(target, source, target_from_source).evidence
     }
 
+    /// The same against a scan other than the target, which is not kept.
+    pub fn weigh_other(
+        &mut self,
+        other: &dyn PreparedScan,
+        source: &dyn PreparedScan,
+        other_from_source: &Pose,
+    ) -> Evidence {
+        let Self { aligner, spacing_m, .. } = self;
+        let other = aligner.prepare(other.points(), *spacing_m);
+        let source = self.source.get_or_insert_with(|| aligner.prepare(source.points(), *spacing_m));
+        aligner.verify(&other, source, other_from_source).evidence
+    }
+
     /// The scan just weighed, if it was, is the next target when it was accepted.
     pub fn next(&mut self, accepted: bool) {
         let source = self.source.take();

@@ -29,6 +29,9 @@ impl Default for Weights {
 pub struct ScannerModel {
     /// Farthest return [m], 1 to 500.
     pub range_m: f64,
+    /// How far off ground that was never seen can be expected to return light [m], 1 to 500: beams graze it, so mostly far
+    /// less than the farthest return. A (4.7) counts unexplored cells up to here, and its footprint ends here.
+    pub ground_range_m: f64,
     /// Height of the scanner over the ground [m], 0.05 to 10.
     pub height_m: f64,
     /// Step of the turning head, res_p [deg], 0.01 to 10.
@@ -49,6 +52,7 @@ impl Default for ScannerModel {
     fn default() -> Self {
         Self {
             range_m: 50.0,
+            ground_range_m: 50.0,
             height_m: 1.0,
             azimuth_step_deg: 0.5,
             elevation_step_deg: 0.5,
@@ -143,6 +147,9 @@ pub struct PlanningConfig {
     /// The mean quality of the reachable ground must also reach this before the work is done, 0 to 1. 0 leaves the
     /// decision to the utility alone.
     pub min_mean_quality: f64,
+    /// `multi_criteria`, `random`: with a work area the work is not done while a candidate away from all earlier scans has an A
+    /// (4.7) of this, 0.001 to 1; 1 leaves the decision to utility and quality, as the source does.
+    pub least_information: f64,
     /// What Q and O are divided by.
     pub normalisation: Normalisation,
     /// See [`Normalisation::Absolute`] [m^2], 0.01 to 10,000.
@@ -151,6 +158,12 @@ pub struct PlanningConfig {
     pub footprint_radius_m: f64,
     /// What must be under the footprint.
     pub footprint: FootprintRule,
+    /// Beside obstacles, steps and cells that are known but not proven ground a metre costs more, up to this distance from
+    /// their middles [m], 0 to 10: where there is room the robot keeps away from them, and gaps stay open. 0 leaves the cost
+    /// as in (4.6).
+    pub clearance_m: f64,
+    /// How many times its own cost a metre costs more right beside them, 0 to 100; a third of it in the outer half.
+    pub clearance_weight: f64,
     /// The highest step that the robot climbs or goes down [m], 0 to 2; with 0.165 m wheels, their radius.
     pub max_step_m: f64,
     /// The steepest slope that the robot climbs [deg], 0 to 60, as the scores' theta. From the middle of a cell to that of a
@@ -192,10 +205,13 @@ impl Default for PlanningConfig {
             max_candidates: 128,
             farthest_m: 30.0,
             min_mean_quality: 0.0,
+            least_information: 0.02,
             normalisation: Normalisation::Absolute,
             zone_saturation_m2: 10.0,
             footprint_radius_m: 0.5,
             footprint: FootprintRule::Clear,
+            clearance_m: 0.95,
+            clearance_weight: 3.0,
             max_step_m: 0.165,
             max_slope_deg: 20.0,
             start_clearance_m: 1.0,
@@ -249,6 +265,7 @@ impl PlanningConfig {
             ("weights.zones", w.zones, 0.0, 1.0, ""),
             ("weights.cost", w.cost, 0.001, 10.0, "1/m"),
             ("scanner.range_m", s.range_m, 1.0, 500.0, "m"),
+            ("scanner.ground_range_m", s.ground_range_m, 1.0, 500.0, "m"),
             ("scanner.height_m", s.height_m, 0.05, 10.0, "m"),
             ("scanner.azimuth_step_deg", s.azimuth_step_deg, 0.01, 10.0, "deg"),
             ("scanner.elevation_step_deg", s.elevation_step_deg, 0.01, 10.0, "deg"),
@@ -263,8 +280,11 @@ impl PlanningConfig {
             ("max_candidates", self.max_candidates as f64, 1.0, 1e4, ""),
             ("farthest_m", self.farthest_m, 1.0, 1e4, "m"),
             ("min_mean_quality", self.min_mean_quality, 0.0, 1.0, ""),
+            ("least_information", self.least_information, 0.001, 1.0, ""),
             ("zone_saturation_m2", self.zone_saturation_m2, 0.01, 1e4, "m^2"),
             ("footprint_radius_m", self.footprint_radius_m, 0.0, 10.0, "m"),
+            ("clearance_m", self.clearance_m, 0.0, 10.0, "m"),
+            ("clearance_weight", self.clearance_weight, 0.0, 100.0, ""),
             ("max_step_m", self.max_step_m, 0.0, 2.0, "m"),
             ("max_slope_deg", self.max_slope_deg, 0.0, 60.0, "deg"),
             ("start_clearance_m", self.start_clearance_m, 0.0, 10.0, "m"),
@@ -309,6 +329,7 @@ impl PlanningConfig {
             weights: default.weights,
             farthest_m: default.farthest_m,
             min_mean_quality: default.min_mean_quality,
+            least_information: default.least_information,
             normalisation: default.normalisation,
             zone_saturation_m2: default.zone_saturation_m2,
             frontier_min_cells: default.frontier_min_cells,

@@ -129,7 +129,7 @@ proptest! {
     #[test]
     fn candidates_keep_their_distance_and_their_number(rows in any_world(), seed in 0..100u64) {
         let map = map_of(&rows, 0.3);
-        let plan = plan_with(&mut MultiCriteria, &map, &Situation { run_seed: seed, ..at(6.0, 6.0) }, &config());
+        let plan = plan_with(&mut MultiCriteria::default(), &map, &Situation { run_seed: seed, ..at(6.0, 6.0) }, &config());
         prop_assert!(plan.candidates.len() <= plan.navigable_cells / 20);
         for (i, a) in plan.candidates.iter().enumerate() {
             let distance = |b: [f64; 2]| (a.position[0] - b[0]).hypot(a.position[1] - b[1]);
@@ -182,7 +182,7 @@ fn a_robot_in_its_own_blind_spot_still_gets_out() {
         row.replace_range(18..21, "   ");
     }
     let map = map_of(&rows, 0.3);
-    let plan = plan_with(&mut MultiCriteria, &map, &at(5.85, 5.85), &config());
+    let plan = plan_with(&mut MultiCriteria::default(), &map, &at(5.85, 5.85), &config());
     assert!(plan.chosen().is_some() && plan.reachable_cells > 1000);
 }
 
@@ -195,7 +195,7 @@ fn a_path_goes_round_a_wall() {
     let map = map_of(&rows, 0.3);
     let area = WorkArea { min: [0.0, 0.0], max: [12.0, 12.0] };
     let config = PlanningConfig { work_area: Some(area), farthest_m: 1e4, ..config() };
-    let plan = plan_with(&mut MultiCriteria, &map, &at(2.0, 2.0), &config);
+    let plan = plan_with(&mut MultiCriteria::default(), &map, &at(2.0, 2.0), &config);
     let behind: Vec<_> = plan.candidates.iter().filter(|c| c.position[0] > 7.0 && c.position[1] < 3.0).collect();
     assert!(!behind.is_empty());
     assert!(behind.iter().all(|c| c.cost > 15.0), "{behind:?}");
@@ -207,7 +207,12 @@ fn a_wall_hides_the_unknown_behind_it() {
     let mut rows = field(20, 20);
     let raw = |rows: &[String]| {
         let map = map_of(rows, 0.99);
-        let plan = plan_with(&mut MultiCriteria, &map, &at(1.0, 3.0), &PlanningConfig { spacing_m: 0.5, ..config() });
+        let plan = plan_with(
+            &mut MultiCriteria::default(),
+            &map,
+            &at(1.0, 3.0),
+            &PlanningConfig { spacing_m: 0.5, ..config() },
+        );
         plan.candidates.iter().map(|c| u64::from(c.raw.unexplored_cells)).sum::<u64>() / plan.candidates.len() as u64
     };
     let open = raw(&rows);
@@ -236,7 +241,7 @@ fn poor_quality_draws_the_robot_and_so_does_a_zone() {
         ..config()
     };
     let quality = |q| {
-        let plan = plan_with(&mut MultiCriteria, &map_of(&field(40, 40), q), &at(6.0, 6.0), &config);
+        let plan = plan_with(&mut MultiCriteria::default(), &map_of(&field(40, 40), q), &at(6.0, 6.0), &config);
         plan.candidates.iter().map(|c| c.quality).fold(0.0, f64::max)
     };
     assert!(quality(0.1) > 0.5 && quality(0.1) > 2.0 * quality(0.6) && quality(1.0) == 0.0);
@@ -245,7 +250,7 @@ fn poor_quality_draws_the_robot_and_so_does_a_zone() {
     let zone = Zone { centre: Point3::new(12.0, 6.0, 1.0), normal: Vector3::new(20.0, 0.0, 0.0) };
     let zones = ZoneConfig { retire_range_m: 0.0, ..Default::default() };
     map.update_zones(0, &[zone], &Pose::translation(6.0, 6.0, 1.0), &zones);
-    let plan = plan_with(&mut MultiCriteria, &map, &at(6.0, 2.0), &config);
+    let plan = plan_with(&mut MultiCriteria::default(), &map, &at(6.0, 2.0), &config);
     let best = plan.candidates.iter().max_by(|a, b| a.zones.total_cmp(&b.zones)).unwrap();
     assert!(best.zones > 0.9 && (best.position[1] - 6.0).abs() < 2.5, "{best:?}");
 }
@@ -254,7 +259,7 @@ fn poor_quality_draws_the_robot_and_so_does_a_zone() {
 fn another_scan_or_seed_draws_other_places() {
     let map = map_of(&field(60, 60), 0.3);
     let places = |situation: Situation| {
-        let plan = plan_with(&mut MultiCriteria, &map, &situation, &config());
+        let plan = plan_with(&mut MultiCriteria::default(), &map, &situation, &config());
         plan.candidates.iter().map(|c| c.position).collect::<Vec<_>>()
     };
     let base = places(at(6.0, 6.0));
@@ -266,8 +271,12 @@ fn another_scan_or_seed_draws_other_places() {
 fn places_outside_the_work_area_are_refused_with_the_reason() {
     let map = map_of(&field(40, 40), 0.3);
     let area = WorkArea { min: [0.0, 0.0], max: [6.0, 12.0] };
-    let plan =
-        plan_with(&mut MultiCriteria, &map, &at(3.0, 6.0), &PlanningConfig { work_area: Some(area), ..config() });
+    let plan = plan_with(
+        &mut MultiCriteria::default(),
+        &map,
+        &at(3.0, 6.0),
+        &PlanningConfig { work_area: Some(area), ..config() },
+    );
     assert!(plan.rejections.counts[&RejectionReason::OutsideArea] > 10);
     assert!(plan.rejected.len() <= ViewPlan::MAX_REJECTED);
     assert!(plan.candidates.iter().all(|c| c.position[0] <= 6.0));
@@ -306,8 +315,8 @@ fn a_map_that_changes_under_a_workspace_is_read_again() {
     let (wide, narrow) = (map_of(&field(40, 40), 0.3), map_of(&field(40, 20), 0.3));
     let nothing = InformationMap::new(MapConfig::default()).unwrap();
     for map in [&wide, &narrow, &wide.clone(), &nothing, &narrow] {
-        let plan = MultiCriteria.plan(&mut workspace, map, &at(3.0, 3.0), &config());
-        assert_eq!(plan, plan_with(&mut MultiCriteria, map, &at(3.0, 3.0), &config()));
+        let plan = MultiCriteria::default().plan(&mut workspace, map, &at(3.0, 3.0), &config());
+        assert_eq!(plan, plan_with(&mut MultiCriteria::default(), map, &at(3.0, 3.0), &config()));
     }
     assert!(workspace.bytes() > 10_000);
 }
@@ -318,7 +327,7 @@ fn other_weights_weigh_the_same_candidates() {
     let mut workspace = Workspace::new();
     let mut plan = |information, quality| {
         let weights = Weights { information, quality, zones: 0.0, cost: 0.09 };
-        MultiCriteria.plan(&mut workspace, &map, &at(6.0, 6.0), &PlanningConfig { weights, ..config() })
+        MultiCriteria::default().plan(&mut workspace, &map, &at(6.0, 6.0), &PlanningConfig { weights, ..config() })
     };
     let (news, better) = (plan(1.0, 0.0), plan(0.0, 1.0));
     let terms = |plan: &ViewPlan| plan.candidates.iter().map(|c| (c.position, c.raw, c.cost)).collect::<Vec<_>>();

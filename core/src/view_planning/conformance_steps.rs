@@ -52,7 +52,7 @@ fn the_robot_stays_on_a_deck_and_off_a_terrace_but_climbs_a_kerb() {
     let map = map_of(&rows, 0.3);
     let on_deck = Situation { map_from_robot: Pose::translation(6.0, 7.8, 3.0), ..at(0.0, 0.0) };
     let heights = |situation: &Situation| -> Vec<f64> {
-        let plan = plan_with(&mut MultiCriteria, &map, situation, &config());
+        let plan = plan_with(&mut MultiCriteria::default(), &map, situation, &config());
         check_plan(&plan, &map, situation, &config());
         assert!(plan.candidates.len() > 3, "{plan:?}");
         plan.candidates.iter().map(|candidate| candidate.position[2]).collect()
@@ -63,7 +63,7 @@ fn the_robot_stays_on_a_deck_and_off_a_terrace_but_climbs_a_kerb() {
     // Who masters higher steps is not held up by them.
     let giant = PlanningConfig { max_step_m: 2.0, max_slope_deg: 60.0, ..config() };
     let low = map_of(&rows.iter().map(|row| row.replace('^', "=")).collect::<Vec<_>>(), 0.3);
-    let plan = plan_with(&mut MultiCriteria, &low, &at(6.0, 12.0), &giant);
+    let plan = plan_with(&mut MultiCriteria::default(), &low, &at(6.0, 12.0), &giant);
     assert!(plan.candidates.iter().any(|candidate| candidate.position[2] > 0.5));
 }
 

@@ -19,6 +19,8 @@ pub(super) struct ScannerView {
     scanner: ScannerModel,
     cell_m: f64,
     pub reach: Reach,
+    /// Half the width of the disc in which unexplored ground counts, in its rows from the middle on [cells].
+    ground: Vec<usize>,
     pub quality: QualityModel,
     /// What Q's raw sum would be over flat, never seen ground.
     pub flat_quality: f64,
@@ -33,13 +35,16 @@ impl ScannerView {
     pub fn new(scanner: &ScannerModel, cell_m: f64) -> Self {
         let reach = Reach::new((scanner.range_m / cell_m).max(1.0));
         let quality = QualityModel::new(scanner);
+        let ground = disc((scanner.ground_range_m.min(scanner.range_m) / cell_m).max(1.0));
         let (mut flat_quality, mut footprint_cells) = (0.0, 0.0);
         for (dx, dy) in reach.offsets() {
             let ray = [dx as f32 * cell_m as f32, dy as f32 * cell_m as f32, -scanner.height_m as f32];
             flat_quality += f64::from(quality.expected(ray, &LEVEL));
-            footprint_cells += 1.0;
+            if ground.get(dy.unsigned_abs() as usize).is_some_and(|half| dx.unsigned_abs() as usize <= *half) {
+                footprint_cells += 1.0;
+            }
         }
-        Self { scanner: *scanner, cell_m, reach, quality, flat_quality, footprint_cells }
+        Self { scanner: *scanner, cell_m, reach, ground, quality, flat_quality, footprint_cells }
     }
 
     pub fn is_of(&self, scanner: &ScannerModel, cell_m: f64) -> bool {
@@ -80,13 +85,39 @@ impl GainModel<'_> {
         let (unexplored, known, quality_sum) = widest(
             #[inline(always)]
             || {
-                let unexplored = count_both(seen, &self.grid.unexplored);
+                let mut unexplored = 0;
+                self.for_each_unexplored_word(seen, [x, y], |_, _, bits| unexplored += bits.count_ones());
                 let known = count_both(seen, &self.grid.known);
                 (unexplored, known, self.improvement(seen, [x, y], eye as f32))
             },
         );
         let zone_sum = self.zones_in(sweep, at, eye);
         RawGain { unexplored_cells: unexplored, known_cells: known, quality_sum, zone_sum }
+    }
+
+    /// Calls `visit` with the unexplored cells that are seen within the ground's range of a place, in words of the sweep's
+    /// plane: row, number of the word, cells.
+    #[inline(always)]
+    pub fn for_each_unexplored_word(
+        &self,
+        sweep: &Sweep,
+        [x, y]: [usize; 2],
+        mut visit: impl FnMut(usize, usize, u64),
+    ) {
+        let [x0, y0] = sweep.origin;
+        let plane = &self.grid.unexplored;
+        let stride = sweep.seen.stride.min(plane.stride - x0 / WORD);
+        let rows = sweep.seen.rows().min(plane.rows() - y0);
+        for row in 0..rows {
+            let Some(&half) = self.view.ground.get((y0 + row).abs_diff(y)) else { continue };
+            let (low, high) = ((x.saturating_sub(half)).saturating_sub(x0), (x + half).saturating_sub(x0));
+            let of_plane = &plane.row(y0 + row)[x0 / WORD..x0 / WORD + stride];
+            for word in low / WORD..=(high / WORD).min(stride - 1) {
+                let after = if word == low / WORD { u64::MAX << (low % WORD) } else { u64::MAX };
+                let until = if word == high / WORD { u64::MAX >> (WORD - 1 - high % WORD) } else { u64::MAX };
+                visit(row, word, sweep.seen.row(row)[word] & of_plane[word] & after & until);
+            }
+        }
     }
 
     /// Sum over the known cells in view of the quality expected less the quality so far, improvements only (4.10). Tiles
@@ -154,6 +185,12 @@ impl GainModel<'_> {
     }
 }
 
+/// Half the width of a disc in its rows from the middle on, as [`Reach`] has it [cells].
+fn disc(radius: f64) -> Vec<usize> {
+    let half = |dy: usize| (radius * radius - (dy * dy) as f64).sqrt().floor() as usize;
+    (0..=radius.floor() as usize).map(half).collect()
+}
+
 /// The number of cells that are seen and of the plane.
 #[inline(always)]
 fn count_both(seen: &Sweep, plane: &BitPlane) -> u32 {
@@ -201,3 +238,7 @@ pub(super) fn for_each_place<R: Send>(
         pool.with(|sweep| work(sweep, at, ground, result));
     });
 }
+
+#[cfg(test)]
+#[path = "gain_tests.rs"]
+mod tests;

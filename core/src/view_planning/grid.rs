@@ -42,6 +42,10 @@ pub(super) struct PlanningGrid {
     pub steps: BitPlane,
     /// The footprint would touch an obstacle or a step, or what its rule forbids.
     pub cramped: BitPlane,
+    /// So near to an obstacle, a step or known ground that is not proven that a metre costs more: all such cells, and those in
+    /// the inner half of the way to the clearance asked for.
+    pub beside: BitPlane,
+    pub close_beside: BitPlane,
     scratch: BitPlane,
 }
 
@@ -96,6 +100,7 @@ impl PlanningGrid {
         self.mark_area(config);
         self.gather();
         self.mark_steps(config);
+        self.mark_beside(config);
         self.keep_near(extent);
         self.mark_cramped(config);
         self.laid_out = Some((*extent, config.clone()));
@@ -147,6 +152,26 @@ impl PlanningGrid {
         }
         self.blocks_by_column.reset(self.width, height / WORD, 0);
         self.blocks.or_transposed_into(&mut self.blocks_by_column);
+    }
+
+    /// Marks the ground that is left to be driven on only where there is no other.
+    fn mark_beside(&mut self, config: &PlanningConfig) {
+        self.scratch.stride = self.blocks.stride;
+        self.scratch.words.clear();
+        let planes = self.known.words.iter().zip(&self.navigable.words).zip(&self.steps.words);
+        self.scratch.words.extend(planes.map(|((known, navigable), steps)| (known & !navigable) | steps));
+        let inner = 0.5 * (config.footprint_radius_m.min(config.clearance_m) + config.clearance_m);
+        self.scratch.dilate_into(config.clearance_m / self.cell_m, &mut self.beside);
+        self.scratch.dilate_into(inner / self.cell_m, &mut self.close_beside);
+    }
+
+    /// How near a cell lies to what is kept away from: 0 not near, 1 beside, 2 close beside, 3 so that the footprint touches it.
+    pub fn closeness(&self, at: usize) -> u8 {
+        match () {
+            () if self.has(&self.cramped, at) => 3,
+            () if self.has(&self.close_beside, at) => 2,
+            () => u8::from(self.has(&self.beside, at)),
+        }
     }
 
     /// Lets go of navigable cells beyond the reach.
@@ -334,6 +359,8 @@ impl PlanningGrid {
             &self.area,
             &self.steps,
             &self.cramped,
+            &self.beside,
+            &self.close_beside,
             &self.scratch,
         ];
         self.tiles.bytes() + planes.iter().map(|plane| 8 * plane.words.len()).sum::<usize>() + 4 * self.table.len()

@@ -32,7 +32,7 @@ pub struct StrategyRegistry {
 impl Default for StrategyRegistry {
     fn default() -> Self {
         let mut registry = Self { entries: Vec::new() };
-        registry.register("multi_criteria", || Box::new(MultiCriteria));
+        registry.register("multi_criteria", || Box::new(MultiCriteria::default()));
         registry.register("coverage_tour", || Box::new(CoverageTour));
         registry.register("frontier", || Box::<Frontier>::default());
         registry.register("greedy_unvisited", || Box::new(Greedy::new(GreedyTarget::Unvisited)));
@@ -41,7 +41,7 @@ impl Default for StrategyRegistry {
         registry.register("greedy_informative", || Box::new(Greedy::new(GreedyTarget::Informative)));
         registry.register("greedy_new_cells", || Box::new(Greedy::new(GreedyTarget::NewCells)));
         registry.register("exponential_gain", || Box::<ExponentialGain>::default());
-        registry.register("random", || Box::new(Random));
+        registry.register("random", || Box::new(Random::default()));
         registry
     }
 }
@@ -87,7 +87,7 @@ mod tests {
     fn a_strategy_of_ones_own_can_be_added_or_replace_a_built_in() {
         let mut registry = StrategyRegistry::default();
         registry.register("mine", || Box::<Frontier>::default());
-        registry.register("frontier", || Box::new(MultiCriteria));
+        registry.register("frontier", || Box::new(MultiCriteria::default()));
         assert_eq!(registry.create("mine").unwrap().name(), "frontier");
         assert_eq!(registry.create("frontier").unwrap().name(), "multi_criteria");
         assert_eq!(registry.names().count(), StrategyRegistry::default().names().count() + 1);

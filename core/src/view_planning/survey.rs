@@ -110,6 +110,7 @@ impl Survey {
         (terrain.width, terrain.cell_m) = (grid.width, grid.cell_m);
         terrain.slowness.clear();
         terrain.slowness.resize(grid.len(), f32::INFINITY);
+        let dearer = dearer(config);
         let planes = grid.navigable.words.iter().zip(&grid.area.words).zip(&grid.cramped.words);
         for (word, ((navigable, area), cramped)) in planes.enumerate() {
             let mut free = navigable & area & !cramped;
@@ -117,7 +118,8 @@ impl Survey {
                 let at = word * super::bits::WORD + free.trailing_zeros() as usize;
                 free &= free - 1;
                 if let Some((digest, within)) = grid.known_cell(at) {
-                    terrain.slowness[at] = 1.0 / digest.cells.navigability[within];
+                    let closeness = usize::from(grid.closeness(at));
+                    terrain.slowness[at] = dearer[closeness] / digest.cells.navigability[within];
                 }
             }
         }
@@ -125,7 +127,7 @@ impl Survey {
         self.terrain.slowness[start] = self.terrain.slowness[start].min(worst);
         for at in self.around_start(start, config.start_clearance_m) {
             if self.terrain.slowness[at].is_infinite() && self.is_even_with_ground_around(at, start, config) {
-                self.terrain.slowness[at] = worst;
+                self.terrain.slowness[at] = worst * dearer[usize::from(self.grid.closeness(at))];
             }
         }
     }
@@ -166,4 +168,11 @@ impl Survey {
     pub fn bytes(&self) -> usize {
         self.grid.bytes() + self.tree.bytes() + 4 * self.terrain.slowness.capacity()
     }
+}
+
+/// By which the cost of a metre grows with the closeness to what the robot keeps away from. Where its footprint touches that,
+/// which it may only where it stands already, it gets away the shortest way.
+fn dearer(config: &PlanningConfig) -> [f32; 4] {
+    let weight = if config.clearance_m > 0.0 { config.clearance_weight as f32 } else { 0.0 };
+    [1.0, 1.0 + weight / 3.0, 1.0 + weight, 1.0 + 2.0 * weight]
 }

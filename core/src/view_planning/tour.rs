@@ -118,14 +118,7 @@ impl View {
     fn list_unexplored(&mut self, model: &GainModel<'_>, sweep: &Sweep, [x, y]: [usize; 2], enough: f32) {
         let grid = model.grid;
         self.unexplored.reset(sweep.seen.rows(), sweep.seen.stride, 0);
-        let first = self.origin[0] / WORD;
-        for row in 0..sweep.seen.rows().min(grid.height - self.origin[1]) {
-            let unexplored = &grid.unexplored.row(self.origin[1] + row)[first..];
-            let seen = sweep.seen.row(row).iter().zip(unexplored);
-            for (out, (seen, unexplored)) in self.unexplored.row_mut(row).iter_mut().zip(seen) {
-                *out = seen & unexplored;
-            }
-        }
+        model.for_each_unexplored_word(sweep, [x, y], |row, word, bits| self.unexplored.row_mut(row)[word] = bits);
         let (cell_m, height) = (grid.cell_m as f32, model.view.height_m() as f32);
         let stride = self.unexplored.stride * WORD;
         for place in self.unexplored.ones() {

@@ -2,6 +2,7 @@
 
 use super::config::{Normalisation, PlanningConfig, Weights};
 use super::plan::{Candidate, Decision, StopReason};
+use super::visited::Visited;
 
 /// What the raw sums are divided by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,19 +54,39 @@ pub(super) fn best(candidates: &[Candidate]) -> Option<usize> {
     best.map(|(index, _)| index)
 }
 
-/// Go to the best candidate, unless max u < C_p and the asked mean quality is reached (4.12), or nothing is to be
-/// gained anywhere. `None` without candidates.
-pub(super) fn decide(candidates: &[Candidate], mean_quality: Option<f64>, config: &PlanningConfig) -> Option<Decision> {
+/// Go to the best candidate, unless max u < C_p and the asked mean quality is reached (4.12), or nothing is to be gained
+/// anywhere. While ground of the work area is unexplored, to the best of those that show some. `None` without candidates.
+pub(super) fn decide(
+    candidates: &[Candidate],
+    mean_quality: Option<f64>,
+    visited: &Visited,
+    config: &PlanningConfig,
+) -> Option<Decision> {
     let candidate = best(candidates)?;
     let utility = candidates.get(candidate)?.utility;
     let is_good = mean_quality.unwrap_or(0.0) >= config.min_mean_quality;
-    Some(if utility < config.stop_threshold() && is_good {
-        Decision::Stop { reason: StopReason::Done }
-    } else if utility <= 0.0 {
-        Decision::Stop { reason: StopReason::NothingToGain }
-    } else {
-        Decision::Go { candidate }
+    if utility < config.stop_threshold() && is_good {
+        let unexplored = best_unexplored(candidates, visited, config);
+        let done = Decision::Stop { reason: StopReason::Done };
+        return Some(unexplored.map_or(done, |candidate| Decision::Go { candidate }));
+    }
+    Some(match utility {
+        0.0 => Decision::Stop { reason: StopReason::NothingToGain },
+        _ => Decision::Go { candidate },
     })
+}
+
+/// The best candidate that shows so much unexplored ground that the work is not done. What a scan nearby did not show,
+/// another one there will not, so only candidates away from all earlier scans count, and every exploration ends.
+fn best_unexplored(candidates: &[Candidate], visited: &Visited, config: &PlanningConfig) -> Option<usize> {
+    // Without a work area there is always more to explore.
+    config.work_area?;
+    let least = config.least_information;
+    let shows = |c: &Candidate| {
+        c.information >= least && c.utility > 0.0 && !visited.is_near([c.position[0], c.position[1]], config.spacing_m)
+    };
+    let shown = candidates.iter().enumerate().filter(|(_, candidate)| shows(candidate));
+    shown.reduce(|a, b| if b.1.utility > a.1.utility { b } else { a }).map(|(index, _)| index)
 }
 
 #[cfg(test)]
@@ -114,20 +135,52 @@ mod tests {
     #[test]
     fn exploration_ends_under_the_threshold_only_with_the_asked_quality() {
         let config = PlanningConfig { min_mean_quality: 0.5, ..Default::default() };
+        let nowhere = Visited::default();
         let poor = rated(vec![candidate(1, 0.0, 0.0, 40.0), candidate(2, 0.0, 0.0, 40.0)], &config);
         assert!(poor[1].utility < config.stop_threshold());
-        assert_eq!(decide(&poor, Some(0.6), &config), Some(Decision::Stop { reason: StopReason::Done }));
-        assert_eq!(decide(&poor, Some(0.4), &config), Some(Decision::Go { candidate: 1 }));
+        assert_eq!(decide(&poor, Some(0.6), &nowhere, &config), Some(Decision::Stop { reason: StopReason::Done }));
+        assert_eq!(decide(&poor, Some(0.4), &nowhere, &config), Some(Decision::Go { candidate: 1 }));
         let rich = rated(vec![candidate(900, 0.0, 0.0, 5.0)], &config);
-        assert_eq!(decide(&rich, Some(0.9), &config), Some(Decision::Go { candidate: 0 }));
+        assert_eq!(decide(&rich, Some(0.9), &nowhere, &config), Some(Decision::Go { candidate: 0 }));
+    }
+
+    #[test]
+    fn exploration_goes_on_under_the_threshold_while_unexplored_ground_is_in_view_from_somewhere_new() {
+        use super::super::config::WorkArea;
+        use super::super::test_worlds::at;
+        let area = WorkArea { min: [-50.0; 2], max: [50.0; 2] };
+        let config = PlanningConfig { work_area: Some(area), least_information: 0.02, ..Default::default() };
+        let place = |x, candidate: Candidate| Candidate { position: [x, 0.0, 0.0], ..candidate };
+        let candidates = vec![
+            place(1.0, candidate(40, 0.0, 0.0, 80.0)),
+            place(10.0, candidate(30, 0.0, 0.0, 80.0)),
+            place(20.0, candidate(19, 1.0, 0.0, 20.0)),
+        ];
+        let rated = rated(candidates, &config);
+        assert!(rated.iter().all(|c| c.utility < config.stop_threshold()));
+        let mut visited = Visited::default();
+        let decision = |visited: &Visited, config: &PlanningConfig| decide(&rated, Some(0.6), visited, config);
+        assert_eq!(decision(&visited, &config), Some(Decision::Go { candidate: 0 }));
+        visited.remember(&at(0.0, 0.0));
+        assert_eq!(decision(&visited, &config), Some(Decision::Go { candidate: 1 }), "it has scanned beside the first");
+        visited.remember(&super::super::Situation { scan_number: 9, ..at(9.0, 0.0) });
+        let done = Some(Decision::Stop { reason: StopReason::Done });
+        assert_eq!(decision(&visited, &config), done, "the last shows too little");
+        let boundless = PlanningConfig { work_area: None, ..config.clone() };
+        assert_eq!(decision(&Visited::default(), &boundless), done);
+        let source = PlanningConfig { least_information: 1.0, ..config };
+        assert_eq!(decision(&Visited::default(), &source), done, "the source's rule alone");
     }
 
     #[test]
     fn without_any_gain_the_robot_does_not_drive_for_quality_it_cannot_reach() {
         let config = PlanningConfig { min_mean_quality: 0.9, ..Default::default() };
         let nothing = rated(vec![candidate(0, 0.0, 0.0, 5.0)], &config);
-        assert_eq!(decide(&nothing, Some(0.1), &config), Some(Decision::Stop { reason: StopReason::NothingToGain }));
-        assert_eq!(decide(&[], Some(0.1), &config), None);
+        assert_eq!(
+            decide(&nothing, Some(0.1), &Visited::default(), &config),
+            Some(Decision::Stop { reason: StopReason::NothingToGain })
+        );
+        assert_eq!(decide(&[], Some(0.1), &Visited::default(), &config), None);
     }
 
     proptest! {

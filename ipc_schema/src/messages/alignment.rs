@@ -13,13 +13,17 @@ pub const ALIGNMENT_REJECTED: u32 = 2;
 
 message! {
     /// The pose of a scan; the items are the hypotheses that were tried, in order.
-    pub struct AlignmentMeta: "mirador/AlignmentMeta/2", size 1000 {
+    pub struct AlignmentMeta: "mirador/AlignmentMeta/3", size 1288 {
         /// Names the scan.
         pub header: Header,
         /// map_from_scanner, row-major 4x4.
         pub map_from_scanner: [f64; 16],
-        /// 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major.
+        /// 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major: the
+        /// errors of all pairs back to the first scan added up.
         pub covariance: [f64; 36],
+        /// The same of the pose against `target_scan` alone: how well it is known within the map around it. All zero when it
+        /// was not aligned.
+        pub pair_covariance: [f64; 36],
         /// The prior map_from_scanner, row-major 4x4; only with `has_prior`.
         pub prior: [f64; 16],
         /// Share of the scan's points with a partner in the target, in [0, 1].

@@ -1,11 +1,11 @@
 //! The two ways to align: scan to scan where the robot stops, or frame by frame while it moves.
 
-use mirador_core::geometry::{Pose, Twist};
+use mirador_core::geometry::Twist;
 use mirador_core::odometry::FrameTime;
 use mirador_core::registration::{PrepareError, PreparedScan};
-use mirador_core::slam6d::AlignmentRecord;
 use mirador_core::slam6d::continuous::ContinuousAligner;
 use mirador_core::slam6d::global::{CorrectionRecord, GlobalAligner, Journalled};
+use mirador_core::slam6d::{AlignmentRecord, Prior};
 use mirador_ipc_schema::messages::ScanMeta;
 use mirador_ipc_schema::{Received, topics};
 use mirador_service_common::view;
@@ -33,7 +33,7 @@ impl Aligner {
         &mut self,
         scan: &Received<topics::Scan>,
         prepared: Option<Result<Box<dyn PreparedScan>, PrepareError>>,
-        prior: Option<Pose>,
+        prior: Option<Prior>,
     ) -> Aligned {
         let id = scan.header().id;
         let view = || view::scan(scan.meta(), scan.items());
@@ -44,7 +44,7 @@ impl Aligner {
                 Aligned { is_keyframe: record.is_accepted(), record, scan_motion: Twist::zeros() }
             }
             Self::Continuous(aligner) => {
-                let frame = aligner.align_next(id, view(), frame_time(scan.meta()), prior);
+                let frame = aligner.align_next(id, view(), frame_time(scan.meta()), prior.map(|p| p.map_from_scanner));
                 Aligned { record: frame.record, scan_motion: frame.scan_motion, is_keyframe: frame.is_keyframe }
             }
         }

@@ -1,13 +1,13 @@
 //! Alignment records as messages.
 
-use mirador_core::geometry::{rotation_angle, rows_from_pose};
+use mirador_core::geometry::{Covariance, pose_from_rows, rotation_angle, rows_from_pose};
 use mirador_core::slam6d::global::{self, CorrectionRecord, PairKind, PairRecord, PairStart};
-use mirador_core::slam6d::{AlignmentStatus, Hypothesis, HypothesisName};
+use mirador_core::slam6d::{AlignmentStatus, Hypothesis, HypothesisName, Prior};
 use mirador_ipc_schema::layout::Record;
 use mirador_ipc_schema::messages::{
     self, ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Header, LoopClosingMeta,
     PAIR_ACCEPTED, PAIR_LOOP, PAIR_OVERLAP, PAIR_REJECTED, PAIR_SWITCHED_OFF, PAIR_SWITCHED_ON, PoseCorrection,
-    ScanPair,
+    PoseEstimate, ScanPair,
 };
 use mirador_ipc_schema::{ScanId, text};
 use nalgebra::Matrix6;
@@ -26,6 +26,15 @@ pub(crate) struct Facts {
     pub align_ns: u64,
 }
 
+/// The prior in a message; `None` when it is no rigid pose. A covariance that is not known, or not believed by who says it,
+/// is left out.
+pub(crate) fn prior(estimate: &PoseEstimate) -> Option<Prior> {
+    let map_from_scanner = pose_from_rows(&estimate.map_from_scanner)?;
+    let covariance = Covariance::from_row_slice(&estimate.covariance);
+    let is_known = estimate.lost == 0 && covariance.cholesky().is_some();
+    Some(Prior { map_from_scanner, covariance: is_known.then_some(covariance) })
+}
+
 /// The meta part of an alignment message.
 pub(crate) fn meta(aligned: &Aligned, facts: &Facts) -> AlignmentMeta {
     let record = &aligned.record;
@@ -38,6 +47,7 @@ pub(crate) fn meta(aligned: &Aligned, facts: &Facts) -> AlignmentMeta {
         header: facts.header,
         map_from_scanner: rows_from_pose(&record.map_from_scanner),
         covariance: rows_from_matrix(&record.covariance),
+        pair_covariance: record.pair_covariance.as_ref().map_or([0.0; 36], rows_from_matrix),
         prior: record.prior.as_ref().map_or([0.0; 16], rows_from_pose),
         overlap: record.overlap,
         residual_m: record.residual_m,
@@ -163,6 +173,7 @@ fn word(name: HypothesisName) -> &'static str {
         HypothesisName::PriorMotionWide => "prior motion, wide gate",
         HypothesisName::ConstantMotion => "constant motion",
         HypothesisName::ConstantMotionWide => "constant motion, wide gate",
+        HypothesisName::OlderScan => "prior, an older scan near it",
         HypothesisName::ZeroMotion => "no motion",
         HypothesisName::Search => "search around the last pose",
         HypothesisName::Relocalisation => "relocalisation at a keyframe",

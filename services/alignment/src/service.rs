@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::time::{Duration, Instant};
 
-use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::registration::Registry;
+use mirador_core::slam6d::Prior;
 use mirador_core::slam6d::global::{CorrectionRecord, Journalled};
 use mirador_ipc_schema::messages::{
     AlignmentMeta, Envelope, Header, Hypothesis, LoopClosingMeta, PoseCorrection, SCAN_HAS_PRIOR, ScanId, ScanPair,
@@ -112,7 +112,7 @@ struct Alignment<'a> {
     store: Store,
     last: LastMessages,
     /// Priors by the id of their scan.
-    prior_of: BTreeMap<u64, Pose>,
+    prior_of: BTreeMap<u64, Prior>,
     /// Scans that were aligned and whose correction is due.
     waiting: VecDeque<Waiting>,
     /// Since when the first of them waits.
@@ -192,10 +192,9 @@ impl<'a> Alignment<'a> {
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {
         while let Some(message) = self.priors.receive()? {
-            let pose = message.items().first().and_then(|p| pose_from_rows(&p.map_from_scanner));
-            match pose {
-                Some(pose) => {
-                    self.prior_of.insert(message.header().id, pose);
+            match message.items().first().and_then(messages::prior) {
+                Some(prior) => {
+                    self.prior_of.insert(message.header().id, prior);
                 }
                 None => tracing::warn!(scan = message.header().scan(), "the prior is not a rigid pose; it is not used"),
             }

@@ -140,7 +140,8 @@ impl<'a> Service<'a> {
                 tracing::warn!(scan, "its alignment is not a rigid pose; ignored");
                 continue;
             };
-            match self.localizer.align(scan, &pose, &covariance_from_rows(&meta.covariance)) {
+            // The estimate is the place in the map, whatever that has drifted by since its first scan.
+            match self.localizer.align(scan, &pose, &covariance_from_rows(&meta.pair_covariance)) {
                 ScanPoseUse::Corrected => tracing::debug!(scan, "the estimate is corrected by its alignment"),
                 ScanPoseUse::Moved => {
                     tracing::warn!(scan, "its alignment contradicts the estimate, which is moved there")

@@ -155,7 +155,7 @@ fn every_step_is_answered_and_a_scan_has_one_prior_with_the_clocks_id() {
         };
         aligned.map_from_scanner[3] += 1.0;
         for k in 0..6 {
-            aligned.covariance[7 * k] = 1e-4;
+            aligned.pair_covariance[7 * k] = 1e-4;
         }
         partner.alignments.send_copy(aligned, &[]).unwrap();
         let (header, pose) = partner.control(true);

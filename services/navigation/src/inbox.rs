@@ -1,7 +1,8 @@
 //! What navigation hears, given to the mission.
 
+use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::navigation::{Decision, Echo, LaserView, Mission, RobotWord};
-use mirador_ipc_schema::messages::DECISION_GO;
+use mirador_ipc_schema::messages::{DECISION_GO, ScanId};
 use mirador_ipc_schema::{Participant, Subscriber, Wakeable, text, topics};
 use mirador_service_common::ServiceError;
 
@@ -13,6 +14,9 @@ pub(crate) struct Inbox {
     plans: Subscriber<topics::ViewPlan>,
     paths: Subscriber<topics::Path>,
     loops: Subscriber<topics::LoopClosing>,
+    corrections: Subscriber<topics::PoseCorrections>,
+    /// The newest plan's scan, and `map_from_scanner` it was planned at.
+    planned_at: Option<(u64, Pose)>,
     ranges: Vec<f32>,
     /// The header id of the newest plan.
     pub plan_id: u64,
@@ -28,6 +32,8 @@ impl Inbox {
             plans: participant.subscriber()?,
             paths: participant.subscriber()?,
             loops: participant.subscriber()?,
+            corrections: participant.subscriber()?,
+            planned_at: None,
             ranges: Vec::new(),
             plan_id: 0,
         })
@@ -82,8 +88,15 @@ impl Inbox {
     }
 
     fn drain_plans(&mut self, mission: &mut Mission) -> Result<(), ServiceError> {
+        // What comes of a scan was sent in the order plan, path, corrections, loop closing: taken in backwards, nothing is
+        // missed of what goes with the last.
+        let mut corrected = Vec::new();
         while let Some(message) = self.loops.receive()? {
-            mission.corrected(message.header().scan());
+            corrected.push(message.header().scan());
+        }
+        let mut moved = Vec::new();
+        while let Some(message) = self.corrections.receive()? {
+            moved.extend(message.items().iter().map(|c| (c.id, pose_from_rows(&c.map_from_scanner))));
         }
         while let Some(message) = self.paths.receive()? {
             let waypoints = message.items().iter().map(|waypoint| waypoint.position).collect();
@@ -95,7 +108,17 @@ impl Inbox {
             self.plan_id = meta.header.id;
             let reason = format!("{}: {}", text::unpack(&meta.reason_code), text::unpack(&meta.reason));
             mission.plan(meta.header.scan(), decision, &reason);
+            self.planned_at = pose_from_rows(&meta.map_from_scanner).map(|pose| (meta.header.id, pose));
         }
+        for (id, pose) in moved {
+            if let (Some((planned, before)), Some(after)) = (self.planned_at, pose)
+                && planned == id
+            {
+                mission.moved(ScanId::unpack(id).scan, &(after * before.inverse()));
+                self.planned_at = Some((id, after));
+            }
+        }
+        corrected.into_iter().for_each(|scan| mission.corrected(scan));
         Ok(())
     }
 }

@@ -173,7 +173,7 @@ impl<'a> Service<'a> {
         }
         match self.mission.state() {
             MissionState::Begin => (0, "waits for the robot".into()),
-            MissionState::Scanning { scan } => match self.mission.last_give_up() {
+            MissionState::Settling { scan } | MissionState::Scanning { scan } => match self.mission.last_give_up() {
                 Some(why) => (5, format!("{why}; takes scan {scan}")),
                 None if *scan > 0 => (2, format!("arrived; takes scan {scan}")),
                 None => (0, format!("takes scan {scan}")),

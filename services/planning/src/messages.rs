@@ -46,6 +46,12 @@ fn go_reason(plan: &ViewPlan, candidate: usize) -> (&'static str, String) {
         let reason = format!("the first of a tour of {} views out of {of} candidates", plan.tour.len());
         return ("first_of_tour", reason);
     }
+    let is_weighed = matches!(plan.strategy.as_str(), "multi_criteria" | "random");
+    if is_weighed && utility < plan.stop_threshold && plan.mean_quality.unwrap_or(0.0) >= plan.config.min_mean_quality {
+        let threshold = plan.stop_threshold;
+        let why = format!("under the threshold of {threshold:.4}, but ground is unexplored; utility {utility:.4}");
+        return ("unexplored", why);
+    }
     if plan.candidates.iter().all(|c| c.utility <= utility) {
         return ("best_utility", format!("the best of {of} candidates, utility {utility:.4}"));
     }

@@ -23,10 +23,12 @@ use crate::geometry::Pose;
 
 /// A robot that leans farther than this lies on its side.
 const TIPPED_COS: f64 = 0.5;
-/// A robot whose body moves slower than this with its motors held stands [m/s, rad/s].
-const STILL: f64 = 2e-3;
-/// After standing so long a robot is parked: nothing moves until it is driven [s].
+/// A robot that is asked to stand and in this time [s] moves and turns by less than this [m, rad] is parked: nothing moves
+/// until it is driven. Its brakes and the friction of its tyres would hold it for good; the solver, which knows the friction
+/// of moving bodies only, lets it tremble and creep on uneven slopes, by a few mm/s and mrad/s, which would distort every
+/// scan. A robot that slides is faster at once.
 const PARKED_AFTER_S: f64 = 0.25;
+const PARKED_WITHIN: f64 = 2.5e-3;
 
 /// The bodies of a world and its robots.
 pub struct Physics {
@@ -34,8 +36,11 @@ pub struct Physics {
     robots: Vec<RobotBodies>,
     config: PhysicsConfig,
     steps: u64,
-    /// Steps for which all robots have stood, up to now.
-    still: u64,
+    /// Steps for which all robots have been asked to stand, up to now, and where they were when the last of the times began
+    /// after which it is looked whether they do.
+    idle: u64,
+    idle_at: Vec<Pose>,
+    parked: bool,
 }
 
 /// One robot's bodies.
@@ -89,7 +94,7 @@ impl Physics {
             let build = Build { scene, config: &config, groups: build::groups(number) };
             bodies.push(build.robot(&mut world, robot, &pose)?);
         }
-        Ok(Self { world, robots: bodies, config, steps: 0, still: 0 })
+        Ok(Self { world, robots: bodies, config, steps: 0, idle: 0, idle_at: Vec::new(), parked: false })
     }
 
     /// The number of robots.
@@ -111,7 +116,8 @@ impl Physics {
         let fastest = bodies.max_speed;
         let asked = [left, right].map(|rim| if rim.is_finite() { rim.clamp(-fastest, fastest) } else { 0.0 });
         if asked != bodies.asked {
-            (bodies.asked, self.still) = (asked, 0);
+            bodies.asked = asked;
+            (self.idle, self.parked) = (0, false);
         }
         for wheel in bodies.wheels.iter().filter(|w| matches!(w.kind, WheelKind::Driven | WheelKind::Steered)) {
             let rim = asked[usize::from(!wheel.is_left)];
@@ -125,7 +131,7 @@ impl Physics {
     /// Turns a robot's steered wheels to an angle about z [rad].
     pub fn steer(&mut self, robot: usize, angle: f64) {
         let Some(bodies) = self.robots.get(robot) else { return };
-        self.still = 0;
+        (self.idle, self.parked) = (0, false);
         for wheel in bodies.wheels.iter().filter(|wheel| wheel.kind == WheelKind::Steered) {
             if let Some(joint) = wheel.steering.and_then(|handle| self.world.impulse_joints.get_mut(handle, true)) {
                 let gain = self.config.motor_gain as f32;
@@ -144,22 +150,49 @@ impl Physics {
         for robot in 0..self.robots.len() {
             self.turn_wheels(robot);
         }
-        let stand = (0..self.robots.len()).all(|robot| self.stands(robot));
-        self.still = if stand { self.still + 1 } else { 0 };
+        self.look_whether_they_stand();
+    }
+
+    /// Lets the robots come to rest on their wheels before time begins, for at most this long [s]: one that slides or tips
+    /// over at its start is then about to.
+    pub fn settle(&mut self, longest_s: f64) {
+        let begun = self.steps;
+        while !self.is_parked() && ((self.steps - begun) as f64) * self.config.step < longest_s {
+            self.step();
+        }
+        self.steps = begun;
+        for robot in &mut self.robots {
+            robot.angles.fill(0.0);
+        }
     }
 
     /// Whether all robots have stood long enough to be left alone, with their brakes on, until one is driven: what then
     /// happens is nothing, to the last bit, and takes no time.
     #[must_use]
     pub fn is_parked(&self) -> bool {
-        self.still as f64 * self.config.step >= PARKED_AFTER_S
+        self.parked
     }
 
-    /// Whether a robot is asked to stand and does.
-    fn stands(&self, robot: usize) -> bool {
-        let Some(bodies) = self.robots.get(robot) else { return true };
-        let Some(body) = self.world.bodies.get(bodies.chassis) else { return true };
-        bodies.asked == [0.0; 2] && vector(body.linvel()).norm() < STILL && vector(body.angvel()).norm() < STILL
+    fn look_whether_they_stand(&mut self) {
+        if self.robots.iter().any(|robot| robot.asked != [0.0; 2]) {
+            self.idle = 0;
+            return;
+        }
+        let steps = ((PARKED_AFTER_S / self.config.step) as u64).max(1);
+        if self.idle.is_multiple_of(steps) {
+            let poses: Vec<Pose> = (0..self.robots.len()).filter_map(|robot| self.pose(robot)).collect();
+            let stands = |(now, then): (&Pose, &Pose)| {
+                let moved = then.inverse() * now;
+                moved.translation.vector.norm() < PARKED_WITHIN && moved.rotation.angle() < PARKED_WITHIN
+            };
+            self.parked = self.idle > 0 && poses.iter().zip(&self.idle_at).all(stands);
+            self.idle_at = poses;
+        }
+        self.idle += 1;
+    }
+
+    fn pose(&self, robot: usize) -> Option<Pose> {
+        Some(pose_from(self.world.bodies.get(self.robots.get(robot)?.chassis)?.position()))
     }
 
     /// Adds up how far the wheels have turned.

@@ -58,6 +58,28 @@ fn it_stands_still_on_a_slope_it_can_hold_and_slides_on_one_it_cannot() {
 }
 
 #[test]
+fn a_robot_that_stops_on_uneven_ground_comes_to_rest_within_two_seconds_and_then_does_not_creep() {
+    for name in ["simple", "unstructured", "structured", "field"] {
+        let world = CompiledScene::new(Scene::builtin(name).unwrap()).unwrap();
+        let robot = Robot { start: world.scene().start, ..Robot::default() };
+        let mut physics = Physics::new(&world, &[robot], PhysicsConfig::default()).unwrap();
+        physics.settle(5.0);
+        assert!(physics.is_parked() && physics.time() == 0.0, "{name}");
+        for stop in 0..6 {
+            let turn = if stop % 2 == 0 { 0.25 } else { 0.0 };
+            physics.drive(0, 0.4 - turn, 0.4 + turn);
+            run(&mut physics, 2.0);
+            physics.drive(0, 0.0, 0.0);
+            run(&mut physics, 2.0);
+            assert!(physics.is_parked(), "{name}, stop {stop}: {:?}", physics.motion(0));
+            let from = physics.motion(0).unwrap().pose;
+            run(&mut physics, 8.0);
+            assert_eq!(physics.motion(0).unwrap().pose, from, "{name}, stop {stop}");
+        }
+    }
+}
+
+#[test]
 fn it_drives_straight_at_the_asked_speed() {
     let world = world("");
     let mut physics = physics(&world, 0.0);

@@ -8,6 +8,7 @@ use super::candidates::{Candidate, Known};
 use super::journal::{CorrectionEntry, JournalEntry, MeasuredPair, ScanEntry};
 use super::keyframe::{Keyframe, KeyframeError};
 use super::map::Map;
+use super::older::OlderNodes;
 use super::pairs::{Measuring, Ready};
 use super::record::{CorrectionRecord, PairRecord, PairRejection};
 use super::verification::Verification;
@@ -15,7 +16,7 @@ use super::{CorrectionMethod, GlobalConfig, relax};
 use crate::geometry::Pose;
 use crate::registration::{ConfigError, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
-use crate::slam6d::{AlignerState, AlignmentRecord, RestoreError, SequentialAligner, SequentialConfig};
+use crate::slam6d::{AlignerState, AlignmentRecord, Prior, RestoreError, SequentialAligner, SequentialConfig};
 
 /// Scans that may wait for their correction; if more come while there is no time for it, the oldest go without.
 const MOST_PENDING: usize = 16;
@@ -216,7 +217,7 @@ impl GlobalAligner {
     /// Aligns the next scan, see [`SequentialAligner::align_next`].
     pub fn align_next(&mut self, scan_id: u64, scan: ScanView<'_>, prior: Option<Pose>) -> AlignmentRecord {
         let prepared = self.sequential.registration_mut().prepare(scan);
-        self.align_prepared(scan_id, prepared, prior)
+        self.align_prepared(scan_id, prepared, prior.map(Prior::from))
     }
 
     /// As [`Self::align_next`], for a scan that was prepared already, by this method with these settings.
@@ -224,9 +225,12 @@ impl GlobalAligner {
         &mut self,
         scan_id: u64,
         prepared: Result<Box<dyn PreparedScan>, PrepareError>,
-        prior: Option<Pose>,
+        prior: Option<Prior>,
     ) -> AlignmentRecord {
-        let record = self.sequential.align_prepared(scan_id, prepared, prior);
+        let Self { sequential, map, ready, config, .. } = self;
+        let target = sequential.state().target.map(|target| target.scan_id);
+        let mut older = OlderNodes { map, ready, config, but: target, nodes: None };
+        let record = sequential.align_or_retry(scan_id, prepared, prior, &mut older);
         if self.config.method != CorrectionMethod::Off {
             self.remember(&record);
         }

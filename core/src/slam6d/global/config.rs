@@ -32,6 +32,8 @@ pub struct GlobalConfig {
     pub loop_scans: usize,
     /// Most pairs with scans shortly before that are registered for a scan.
     pub overlaps_per_scan: usize,
+    /// A scan that does not fit the last accepted one is tried against up to so many older ones, the nearest to its prior.
+    pub retry_scans: usize,
     /// Most loop closures that are tried for a scan.
     pub loops_per_scan: usize,
     /// Of these, most whose prediction lies outside the basin, so that they may need coarse alignment.
@@ -80,6 +82,7 @@ impl Default for GlobalConfig {
             method: CorrectionMethod::PoseGraph,
             loop_scans: 12,
             overlaps_per_scan: 3,
+            retry_scans: 3,
             loops_per_scan: 2,
             coarse_per_scan: 1,
             min_predicted_overlap: 0.4,
@@ -110,6 +113,7 @@ impl GlobalConfig {
     pub fn validate(&self) -> Result<(), ConfigError> {
         ConfigError::check("global.loop_scans", self.loop_scans as f64, 2.0, 1e6)?;
         ConfigError::check("global.overlaps_per_scan", self.overlaps_per_scan as f64, 0.0, 1e3)?;
+        ConfigError::check("global.retry_scans", self.retry_scans as f64, 0.0, 1e3)?;
         ConfigError::check("global.loops_per_scan", self.loops_per_scan as f64, 0.0, 1e3)?;
         ConfigError::check("global.coarse_per_scan", self.coarse_per_scan as f64, 0.0, 1e3)?;
         ConfigError::check("global.min_predicted_overlap", self.min_predicted_overlap, 0.0, 1.0)?;

@@ -12,6 +12,7 @@ mod front_end;
 mod journal;
 mod keyframe;
 mod map;
+mod older;
 mod pairs;
 mod positions;
 mod record;

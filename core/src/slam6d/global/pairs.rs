@@ -31,7 +31,7 @@ impl Ready {
     }
 
     /// A keyframe, prepared. What it is does not depend on whether it was kept or is made now.
-    fn get(
+    pub fn get(
         &mut self,
         node: usize,
         keyframe: &Keyframe,

@@ -39,6 +39,7 @@ pub fn fill_in(graph: &mut Graph) -> Result<RobotWorld, UsageError> {
     graph.planning.view.work_area.get_or_insert(WorkArea { min: [x[0], y[0]], max: [x[1], y[1]] });
     let (model, scanner) = (&mut graph.planning.view.scanner, &driven.scanner);
     model.range_m = scanner.range_max_m;
+    model.ground_range_m = ScannerConfig { height_m: height, ..scanner.clone() }.ground_range_m();
     model.height_m = height;
     model.elevation_step_deg = scanner.beam_step_deg;
     model.azimuth_step_deg = scanner.turn_deg / scanner.sweeps as f64;

@@ -74,7 +74,7 @@ impl Registration for Drifting {
 }
 
 /// A block of houses with a street around it, and things in the street that differ from place to place.
-fn block() -> Vec<Rectangle> {
+pub fn block() -> Vec<Rectangle> {
     let mut scene: Vec<Rectangle> = vec![([-22.0, -22.0, -1.0], [44.0, 0.0, 0.0], [0.0, 44.0, 0.0])];
     let mut wall = |x: f64, y: f64, dx: f64, dy: f64, height: f64| {
         scene.push(([x, y, -1.0], [dx, dy, 0.0], [0.0, 0.0, height]));

@@ -3,6 +3,7 @@
 
 mod drifting;
 mod loops;
+mod older;
 mod real_data;
 mod restart;
 mod scripted;

@@ -1,0 +1,63 @@
+//! Scans that do not fit the last accepted one.
+
+use nalgebra::Vector3;
+
+use super::drifting::{block, method};
+use super::*;
+use crate::registration::test_scenes::scan_of;
+use crate::slam6d::HypothesisName;
+
+/// What a scanner sees of the block from a corner of the street, within `half_angle` of a heading.
+fn sector(pose: &Pose, heading: f64, half_angle: f64, seed: u64) -> Vec<Point> {
+    let mut points = scan_of(&block(), pose, 12.0, seed);
+    let ahead = [heading.cos() as f32, heading.sin() as f32];
+    points.retain(|p| {
+        let (x, y) = (p.x, p.y);
+        x * ahead[0] + y * ahead[1] > x.hypot(y) * half_angle.cos() as f32
+    });
+    points
+}
+
+fn place(k: usize) -> Pose {
+    Pose::new(Vector3::new(-16.0 + 0.4 * k as f64, -16.0, 0.0), Vector3::zeros())
+}
+
+#[test]
+fn a_scan_that_shares_nothing_with_the_last_one_is_aligned_to_an_older_one_near_its_prior() {
+    use std::f64::consts::PI;
+    // All around; ahead; behind, which the last one has not seen; and all around again.
+    let sectors = [(0.0, PI), (0.0, 1.2), (PI, 1.2), (0.0, PI)];
+    let mut aligner = aligner(method(1), &GlobalConfig::default());
+    let records: Vec<AlignmentRecord> = sectors
+        .iter()
+        .enumerate()
+        .map(|(k, (heading, half_angle))| {
+            let prior = place(k) * Pose::translation(0.1, -0.1, 0.0);
+            step(&mut aligner, k, &sector(&place(k), *heading, *half_angle, k as u64 + 1), Some(prior)).0
+        })
+        .collect();
+    let behind = &records[2];
+    assert!(behind.is_accepted() && behind.target_id == Some(0), "{behind:?}");
+    assert!(behind.hypotheses.len() > 1 && behind.hypotheses[0].rejected.is_some());
+    assert_eq!(behind.hypotheses.last().unwrap().name, HypothesisName::OlderScan);
+    assert_eq!(records[3].target_id, Some(2), "the next is aligned to it");
+    let truth: Vec<Pose> = (0..4).map(place).collect();
+    let error = largest_error(&poses(&aligner), &truth);
+    assert!(error < 0.03, "{error}");
+}
+
+#[test]
+fn a_scan_of_another_place_is_refused_by_the_older_ones_as_well_and_says_what_was_tried() {
+    let mut aligner = aligner(method(1), &GlobalConfig::default());
+    for k in 0..3 {
+        step(&mut aligner, k, &sector(&place(k), 0.0, std::f64::consts::PI, k as u64 + 1), Some(place(k)));
+    }
+    // The other end of the street, said to be here.
+    let elsewhere = Pose::new(Vector3::new(14.0, 16.0, 0.0), Vector3::new(0.0, 0.0, 0.7));
+    let points = sector(&elsewhere, 0.0, std::f64::consts::PI, 9);
+    let (record, correction) = step(&mut aligner, 3, &points, Some(place(3)));
+    assert!(!record.is_accepted() && correction.is_none(), "{record:?}");
+    let older = record.hypotheses.iter().filter(|hypothesis| hypothesis.name == HypothesisName::OlderScan);
+    assert_eq!(older.filter(|hypothesis| hypothesis.rejected.is_some()).count(), 2);
+    assert_eq!(record.target_id, Some(2));
+}

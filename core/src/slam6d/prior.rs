@@ -1,0 +1,87 @@
+//! What is known of a scan's pose before its alignment, and how it is weighed with what registration finds.
+
+use crate::geometry::{Covariance, Pose, exp, log};
+use crate::registration::Alignment;
+
+/// Where a scan was taken, before its alignment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prior {
+    /// `map_from_scanner`, in any fixed frame: only the motion between priors counts.
+    pub map_from_scanner: Pose,
+    /// How well it is known since the last aligned scan, perturbation on the right, in the scanner's frame; `None` when nobody
+    /// says.
+    pub covariance: Option<Covariance>,
+}
+
+impl From<Pose> for Prior {
+    fn from(map_from_scanner: Pose) -> Self {
+        Self { map_from_scanner, covariance: None }
+    }
+}
+
+/// Weighs the pose that registration found with the one expected by the prior, each by its covariance: the linear estimate of
+/// least variance (Barfoot, State Estimation for Robotics, 2017, section 7.3.2, one step). Where the geometry holds the
+/// pose this changes next to nothing; a direction that it leaves open, along which registration may end anywhere, is held
+/// by the prior. A pose farther than `gate` standard deviations from the expected one is left as it is: then the prior is
+/// wrong about itself.
+pub(super) fn weigh(alignment: &mut Alignment, expected: &Pose, prior: &Covariance, gate: f64) {
+    let error = log(&(expected.inverse() * alignment.target_from_source));
+    let found = alignment.covariance;
+    let Some(sum) = (prior + found).cholesky() else { return };
+    let distance = error.dot(&sum.solve(&error)).max(0.0).sqrt();
+    if distance > gate || !distance.is_finite() {
+        return;
+    }
+    let mut pose = alignment.target_from_source * exp(&(-(found * sum.solve(&error))));
+    pose.rotation.renormalize();
+    alignment.target_from_source = pose;
+    let covariance = found - found * sum.solve(&found);
+    alignment.covariance = (covariance + covariance.transpose()) * 0.5;
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Vector3, Vector6};
+
+    use super::*;
+    use crate::registration::Constraint;
+
+    fn alignment(pose: Pose, sigmas: [f64; 6]) -> Alignment {
+        Alignment {
+            target_from_source: pose,
+            covariance: Covariance::from_diagonal(&Vector6::from(sigmas.map(|s| s * s))),
+            overlap: 0.5,
+            overlap_distance_m: 0.3,
+            residual_rms_m: 0.01,
+            cost: 0.001,
+            iterations: 9,
+            converged: true,
+            limit_reached: false,
+            constraint: Constraint::none(0.01),
+        }
+    }
+
+    fn prior() -> Covariance {
+        Covariance::from_diagonal(&Vector6::from([0.1, 0.1, 0.1, 0.01, 0.01, 0.01].map(|s: f64| s * s)))
+    }
+
+    #[test]
+    fn an_open_direction_is_held_by_the_prior_and_the_others_by_the_geometry() {
+        let expected = Pose::new(Vector3::new(3.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 0.4));
+        let off = Pose::new(Vector3::new(0.9, 0.12, 0.0), Vector3::zeros());
+        let mut found = alignment(expected * off, [2.0, 0.004, 0.004, 0.001, 0.001, 0.001]);
+        weigh(&mut found, &expected, &prior(), 5.0);
+        let left = (expected.inverse() * found.target_from_source).translation.vector;
+        assert!(left.x.abs() < 0.005 && (left.y - 0.12).abs() < 0.001, "{left}");
+        assert!(found.covariance[(0, 0)].sqrt() < 0.1 && found.covariance[(1, 1)].sqrt() < 0.004);
+        assert!(found.covariance.cholesky().is_some());
+    }
+
+    #[test]
+    fn a_pose_that_contradicts_the_prior_is_left_as_it_was_found() {
+        let mut found = alignment(Pose::translation(0.9, 0.0, 0.0), [0.004; 6]);
+        let before = found.clone();
+        weigh(&mut found, &Pose::identity(), &prior(), 5.0);
+        assert_eq!(found, before);
+    }
+}
