@@ -233,15 +233,17 @@ class Point(Record):
 class AlignmentMeta(Record):
     """The pose of a scan; the items are the hypotheses that were tried, in order."""
 
-    TYPE_NAME = "mirador/AlignmentMeta/2"
-    SIZE = 1000
+    TYPE_NAME = "mirador/AlignmentMeta/3"
+    SIZE = 1288
     _fields_ = [
         # Names the scan.
         ("header", Header),
         # map_from_scanner, row-major 4x4.
         ("map_from_scanner", ctypes.c_double * 16),
-        # 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major.
+        # 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major: the errors of all pairs back to the first scan added up.
         ("covariance", ctypes.c_double * 36),
+        # The same of the pose against `target_scan` alone: how well it is known within the map around it. All zero when it was not aligned.
+        ("pair_covariance", ctypes.c_double * 36),
         # The prior map_from_scanner, row-major 4x4; only with `has_prior`.
         ("prior", ctypes.c_double * 16),
         # Share of the scan's points with a partner in the target, in [0, 1].
@@ -405,7 +407,7 @@ class RegistrationRequestMeta(Record):
     _fields_ = [
         # Names the source scan.
         ("header", Header),
-        # Id of the target scan.
+        # Id of the last accepted scan, which is the target unless an older one is nearer; u64::MAX, as the id of the header, where the pair is one of older scans.
         ("target_id", ctypes.c_uint64),
         # target_from_source to start from, row-major 4x4.
         ("initial_target_from_source", ctypes.c_double * 16),
@@ -1065,7 +1067,7 @@ TOPICS = {
         Topic("encoder", Envelope, EncoderReading, "8ffbcc326986a372", "wait", 64),
         Topic("planar_scan", PlanarScanMeta, Beam, "a8b017738789f63a", "drop", 2048),
         Topic("scan", ScanMeta, Point, "4f88ee0966273c2e", "wait", "scan"),
-        Topic("alignment", AlignmentMeta, Hypothesis, "8f7253d676b0a7cb", "wait", 16),
+        Topic("alignment", AlignmentMeta, Hypothesis, "5a9079e378f3346f", "wait", 16),
         Topic("loop_closing", LoopClosingMeta, ScanPair, "1ed9083f7f8a800d", "wait", 64),
         Topic("pose_corrections", Envelope, PoseCorrection, "c1fffbdae29decf8", "wait", 1024),
         Topic("registration_request", RegistrationRequestMeta, KeyframePoint, "0ab0024ac10d1c28", "drop", "keyframes"),
