@@ -97,6 +97,7 @@ fn send(
         header: Header::about(scan.header(), began_ns),
         map_from_scanner: rows_from_pose(&found.map_from_scanner),
         covariance: std::array::from_fn(|i| found.covariance[(i / 6, i % 6)]),
+        pair_covariance: std::array::from_fn(|i| found.pair_covariance[(i / 6, i % 6)]),
         prior: found.prior.as_ref().map_or([0.0; 16], rows_from_pose),
         has_prior: u32::from(found.prior.is_some()),
         overlap: found.overlap,

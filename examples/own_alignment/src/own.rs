@@ -12,6 +12,8 @@ pub struct Found {
     pub map_from_scanner: Pose,
     /// 6x6, translation before rotation, perturbation on the right, in the scanner's frame.
     pub covariance: Covariance,
+    /// The same against the target alone; zero where it was not aligned.
+    pub pair_covariance: Covariance,
     pub prior: Option<Pose>,
     /// The scan it was aligned to; none for the first one, which defines the map.
     pub target_id: Option<u64>,
@@ -45,6 +47,7 @@ impl Own {
         Found {
             map_from_scanner: record.map_from_scanner,
             covariance: record.covariance,
+            pair_covariance: record.pair_covariance.unwrap_or_else(Covariance::zeros),
             prior: record.prior,
             target_id: record.target_id,
             overlap: record.overlap,
