@@ -279,6 +279,16 @@ mod tests {
     }
 
     #[test]
+    fn every_letter_of_a_title_is_drawn() {
+        for letter in PANELS.iter().flat_map(|panel| panel.title.chars()).filter(|letter| *letter != ' ') {
+            let mut canvas = Canvas::new(12, 12, PAPER);
+            canvas.text(1, 1, 1, &letter.to_string(), INK);
+            let is_drawn = (0..144).any(|k| canvas.get(k % 12, k / 12) == INK);
+            assert!(is_drawn, "{letter}");
+        }
+    }
+
+    #[test]
     fn the_ends_of_the_colours_are_exact() {
         assert_eq!(
             (red_to_green(0.0), red_to_green(0.5), red_to_green(1.0)),
