@@ -219,7 +219,11 @@ impl Mission {
     pub fn moved(&mut self, scan: u32, new_from_old: &Pose) {
         match (&self.state, &mut self.driver) {
             (MissionState::Driving { scan: of }, Some(driver)) if *of == scan => driver.move_path(new_from_old),
-            _ => self.planned.moved = Some((scan, *new_from_old)),
+            _ => {
+                // It may be corrected more than once before the path is taken.
+                let before = self.planned.moved.filter(|(of, _)| *of == scan).map_or_else(Pose::identity, |(_, by)| by);
+                self.planned.moved = Some((scan, new_from_old * before));
+            }
         }
     }
 
@@ -355,3 +359,7 @@ impl Mission {
 fn stand(request: Option<u32>) -> MissionStep {
     MissionStep::Answer { linear: 0.0, angular: 0.0, request }
 }
+
+#[cfg(test)]
+#[path = "mission_tests.rs"]
+mod tests;

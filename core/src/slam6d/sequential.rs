@@ -3,128 +3,30 @@
 use std::sync::Arc;
 
 use nalgebra::Matrix6;
-use serde::{Deserialize, Serialize};
-use thiserror::Error;
 
+use super::older_scans::{NoOlderScans, OlderScans};
 use super::prior::{Prior, weigh};
 use super::verifier::Verifier;
 use super::{
-    AcceptanceConfig, AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection,
-    TargetState,
+    AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection, RestoreError,
+    SequentialConfig, TargetState,
 };
 use crate::geometry::{Covariance, Pose, adjoint};
-use crate::registration::coarse::{CoarseConfig, Evidence};
+use crate::registration::coarse::CoarseConfig;
 use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
-
-/// The settings of sequential alignment.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SequentialConfig {
-    /// The limits of each alignment.
-    pub limits: Limits,
-    /// What an alignment must show.
-    pub acceptance: AcceptanceConfig,
-    /// The pair distance of the second attempt from the same start [m].
-    pub wide_pair_distance_m: f64,
-    /// A pose within so many standard deviations of its prior's and its own from the one expected by the prior is weighed with
-    /// it; 0 never weighs. Only for priors that come with a covariance.
-    pub prior_gate_sigmas: f64,
-    /// The standard deviation of the position of a scan that was not aligned [m].
-    pub guess_sigma_m: f64,
-    /// The standard deviation of the angles of a scan that was not aligned [rad].
-    pub guess_sigma_rotation: f64,
-}
-
-impl Default for SequentialConfig {
-    fn default() -> Self {
-        Self {
-            limits: Limits::default(),
-            acceptance: AcceptanceConfig::default(),
-            wide_pair_distance_m: 5.0,
-            prior_gate_sigmas: 5.0,
-            guess_sigma_m: 1.0,
-            guess_sigma_rotation: 0.2,
-        }
-    }
-}
-
-impl SequentialConfig {
-    /// Checks every field.
-    ///
-    /// # Errors
-    /// The first field out of range, and what would be right.
-    pub fn validate(&self) -> Result<(), ConfigError> {
-        self.limits.validate()?;
-        self.acceptance.validate()?;
-        ConfigError::check("wide_pair_distance_m", self.wide_pair_distance_m, 1e-3, 100.0)?;
-        ConfigError::check("prior_gate_sigmas", self.prior_gate_sigmas, 0.0, 1e3)?;
-        ConfigError::check("guess_sigma_m", self.guess_sigma_m, 0.0, 1e4)?;
-        ConfigError::check("guess_sigma_rotation", self.guess_sigma_rotation, 0.0, std::f64::consts::PI)
-    }
-}
 
 /// An older scan nearer than this share of the last one's distance is a better target, where the prior can be relied on.
 const NEARER: f64 = 0.5;
 
-/// Why an aligner could not be restored.
-#[derive(Debug, Error)]
-pub enum RestoreError {
-    /// The settings are out of range.
-    #[error(transparent)]
-    Config(#[from] ConfigError),
-    /// The state names a target, and its scan was not given.
-    #[error("the state's target is scan {scan_id}; its points are needed to go on")]
-    TargetMissing {
-        /// The target's id.
-        scan_id: u64,
-    },
-    /// The target's scan cannot be prepared, so it is not the scan that was accepted.
-    #[error("the target, scan {scan_id}, cannot be prepared again: {error}")]
-    Target {
-        /// The target's id.
-        scan_id: u64,
-        /// Why not.
-        #[source]
-        error: PrepareError,
-    },
-    /// The scan given is not the target, or the method or its settings are not those of the state.
-    #[error("scan {scan_id} reduces to {points} points, but it had {expected}: another scan, method or voxel size")]
-    OtherTarget {
-        /// The target's id.
-        scan_id: u64,
-        /// Reduced points now.
-        points: u64,
-        /// Reduced points when it was accepted.
-        expected: u64,
-    },
-}
-
-/// The accepted scans other than the last, those nearest to a guessed pose `map_from_scanner` first.
-pub(super) trait OlderScans {
-    /// How far off the nearest is [m]; infinite when there is none.
-    fn nearest_m(&mut self, guess: &Pose) -> f64;
-
-    /// The k-th, prepared by the method.
-    fn get(
-        &mut self,
-        registration: &dyn Registration,
-        guess: &Pose,
-        k: usize,
-    ) -> Option<(TargetState, Arc<dyn PreparedScan>)>;
-}
-
-/// There are none.
-struct NoOlderScans;
-
-impl OlderScans for NoOlderScans {
-    fn nearest_m(&mut self, _: &Pose) -> f64 {
-        f64::INFINITY
-    }
-
-    fn get(&mut self, _: &dyn Registration, _: &Pose, _: usize) -> Option<(TargetState, Arc<dyn PreparedScan>)> {
-        None
-    }
+/// A start to be tried against a scan.
+struct Attempt<'a> {
+    name: HypothesisName,
+    target: &'a TargetState,
+    scan: &'a dyn PreparedScan,
+    /// `target_from_source`.
+    start: Pose,
+    pair_distance_m: f64,
 }
 
 /// Aligns scan after scan. It holds one keyframe, that of the last accepted scan; its memory does not grow.
@@ -275,7 +177,8 @@ impl SequentialAligner {
                             || self.align(&mut record, &target, &*target_scan, &*prepared)
                     } else {
                         self.align(&mut record, &target, &*target_scan, &*prepared)
-                            || (prior.is_some() && self.retry(&mut record, older, &*prepared))
+                            || (motion_by_priors(&target, record.prior).is_some()
+                                && self.retry(&mut record, older, &*prepared))
                     };
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
@@ -354,20 +257,8 @@ impl SequentialAligner {
         source: &dyn PreparedScan,
     ) -> bool {
         for (name, start, pair_distance_m) in self.starts(target, record.prior) {
-            let limits = Limits { pair_distance_m, ..self.config.limits };
-            let result = self.registration.align(target_scan, source, &start, &limits);
-            let has_prior = matches!(name, HypothesisName::PriorMotion | HypothesisName::PriorMotionWide);
-            let (mut hypothesis, alignment) = self.judge((name, has_prior), &start, &limits, result);
-            let alignment = alignment.filter(|alignment| {
-                let weigh = |verifier: &mut Verifier, pose: &Pose| verifier.weigh(target_scan, source, pose);
-                hypothesis.rejected = self.second_look(alignment, weigh).err();
-                hypothesis.rejected.is_none()
-            });
-            let alignment = alignment.map(|alignment| self.weigh(alignment, record, target, &mut hypothesis));
-            record.iterations += hypothesis.iterations;
-            record.hypotheses.push(hypothesis);
-            if let Some(alignment) = alignment {
-                complete(record, target, alignment);
+            let attempt = Attempt { name, target, scan: target_scan, start, pair_distance_m };
+            if self.attempt(record, &attempt, source) {
                 return true;
             }
         }
@@ -387,28 +278,34 @@ impl SequentialAligner {
     /// Tries older scans, one after the other, from where the scan is guessed to be. Without this a scan that shares too
     /// little with the last accepted one would be the end: all that follow are compared with that same one.
     fn retry(&mut self, record: &mut AlignmentRecord, older: &mut dyn OlderScans, source: &dyn PreparedScan) -> bool {
-        let guess = record.map_from_scanner;
-        let limits = self.config.limits;
+        let (guess, pair_distance_m) = (record.map_from_scanner, self.config.limits.pair_distance_m);
         for k in 0.. {
-            let Some((target, target_scan)) = older.get(&*self.registration, &guess, k) else { break };
-            let start = target.map_from_scanner.inverse() * guess;
-            let result = self.registration.align(&*target_scan, source, &start, &limits);
-            let (mut hypothesis, alignment) = self.judge((HypothesisName::OlderScan, true), &start, &limits, result);
-            let alignment = alignment.filter(|alignment| {
-                let weigh = |verifier: &mut Verifier, pose: &Pose| verifier.weigh_other(&*target_scan, source, pose);
-                hypothesis.rejected = self.second_look(alignment, weigh).err();
-                hypothesis.rejected.is_none()
-            });
-            let alignment = alignment.map(|alignment| self.weigh(alignment, record, &target, &mut hypothesis));
-            record.iterations += hypothesis.iterations;
-            record.hypotheses.push(hypothesis);
-            if let Some(alignment) = alignment {
-                record.target_id = Some(target.scan_id);
-                complete(record, &target, alignment);
+            let Some((target, scan)) = older.get(&*self.registration, &guess, k) else { break };
+            let (name, start) = (HypothesisName::OlderScan, target.map_from_scanner.inverse() * guess);
+            let attempt = Attempt { name, target: &target, scan: &*scan, start, pair_distance_m };
+            if self.attempt(record, &attempt, source) {
                 return true;
             }
         }
         false
+    }
+
+    /// Tries one start against one scan, notes the hypothesis, and completes the record if the result is accepted.
+    fn attempt(&mut self, record: &mut AlignmentRecord, attempt: &Attempt<'_>, source: &dyn PreparedScan) -> bool {
+        let &Attempt { target, scan, start, pair_distance_m, .. } = attempt;
+        let limits = Limits { pair_distance_m, ..self.config.limits };
+        let result = self.registration.align(scan, source, &start, &limits);
+        let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
+        let alignment = alignment.filter(|alignment| {
+            hypothesis.rejected = self.second_look(alignment, attempt, source).err();
+            hypothesis.rejected.is_none()
+        });
+        let alignment = alignment.map(|alignment| self.weigh(alignment, record, target, &mut hypothesis));
+        record.iterations += hypothesis.iterations;
+        record.hypotheses.push(hypothesis);
+        let Some(alignment) = alignment else { return false };
+        complete(record, target, alignment);
+        true
     }
 
     /// An accepted alignment, weighed with the prior if that came with a covariance.
@@ -420,7 +317,7 @@ impl SequentialAligner {
         hypothesis: &mut Hypothesis,
     ) -> Alignment {
         // Without a prior of the last target the guess is none of the priors'.
-        let has_prior = self.state.target.is_some_and(|target| target.prior.is_some());
+        let has_prior = self.state.target.is_some_and(|last| last.prior.is_some());
         if let Some(covariance) = self.prior_covariance.filter(|_| has_prior) {
             let expected = target.map_from_scanner.inverse() * record.map_from_scanner;
             weigh(&mut alignment, &expected, &covariance, self.config.prior_gate_sigmas);
@@ -433,39 +330,38 @@ impl SequentialAligner {
     fn second_look(
         &mut self,
         alignment: &Alignment,
-        weigh: impl FnOnce(&mut Verifier, &Pose) -> Evidence,
+        attempt: &Attempt<'_>,
+        source: &dyn PreparedScan,
     ) -> Result<(), Rejection> {
-        let acceptance = self.config.acceptance;
+        let (acceptance, pose) = (self.config.acceptance, &alignment.target_from_source);
         if !acceptance.is_doubtful(alignment) {
             return Ok(());
         }
-        acceptance.weigh(&weigh(&mut self.verifier, &alignment.target_from_source))
+        acceptance.weigh(&match attempt.name {
+            HypothesisName::OlderScan => self.verifier.weigh_other(attempt.scan, source, pose),
+            _ => self.verifier.weigh(attempt.scan, source, pose),
+        })
     }
 
     /// The hypothesis as recorded, and the alignment if it is accepted; a prior holds directions that the scans leave open.
     fn judge(
         &self,
-        (name, has_prior): (HypothesisName, bool),
-        start: &Pose,
+        attempt: &Attempt<'_>,
         limits: &Limits,
         result: Result<Alignment, AlignError>,
     ) -> (Hypothesis, Option<Alignment>) {
-        let failed = Hypothesis {
-            name,
-            start: *start,
-            result: *start,
-            overlap: 0.0,
-            residual_m: 0.0,
-            iterations: 0,
-            rejected: None,
-        };
+        use HypothesisName::{OlderScan, PriorMotion, PriorMotionWide};
+        let &Attempt { name, start, .. } = attempt;
+        let has_prior = matches!(name, PriorMotion | PriorMotionWide | OlderScan);
+        let failed =
+            Hypothesis { name, start, result: start, overlap: 0.0, residual_m: 0.0, iterations: 0, rejected: None };
         match result {
             Err(error) => {
                 let rejected = Some(Rejection::Failed { reason: error.to_string() });
                 (Hypothesis { rejected, ..failed }, None)
             }
             Ok(alignment) => {
-                let rejected = self.config.acceptance.judge(&alignment, start, limits, has_prior).err();
+                let rejected = self.config.acceptance.judge(&alignment, &start, limits, has_prior).err();
                 let hypothesis = Hypothesis {
                     result: alignment.target_from_source,
                     overlap: alignment.overlap,
@@ -505,6 +401,7 @@ fn normalised(mut pose: Pose) -> Pose {
 
 /// Writes an accepted pair into the record.
 fn complete(record: &mut AlignmentRecord, target: &TargetState, alignment: Alignment) {
+    record.target_id = Some(target.scan_id);
     record.map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
     // A perturbation of the target's pose seen from the source: exp(x) T = T exp(Ad(T^-1) x).
     let carried = adjoint(&alignment.target_from_source.inverse());

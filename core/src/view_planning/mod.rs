@@ -34,6 +34,8 @@ mod visited;
 mod workspace;
 
 #[cfg(test)]
+mod clearance_tests;
+#[cfg(test)]
 mod conformance;
 #[cfg(test)]
 mod conformance_steps;

@@ -70,10 +70,7 @@ pub(super) fn decide(
         let done = Decision::Stop { reason: StopReason::Done };
         return Some(unexplored.map_or(done, |candidate| Decision::Go { candidate }));
     }
-    Some(match utility {
-        0.0 => Decision::Stop { reason: StopReason::NothingToGain },
-        _ => Decision::Go { candidate },
-    })
+    Some(if utility <= 0.0 { Decision::Stop { reason: StopReason::NothingToGain } } else { Decision::Go { candidate } })
 }
 
 /// The best candidate that shows so much unexplored ground that the work is not done. What a scan nearby did not show,

@@ -265,3 +265,26 @@ fn mixed_ranges_do_not_depend_on_the_number_of_threads() {
     let at = pose(&world, -34.0, 0.5, 0.0);
     assert_eq!(bits(&scan(config.clone(), &world, &at, SEED, 1)), bits(&scan(config, &world, &at, SEED, 3)));
 }
+
+#[test]
+fn the_range_of_the_ground_is_where_half_of_the_returns_of_middling_ground_are_lost() {
+    let world = world("ground_colour = [76, 76, 76]\n[terrain]\nmargin_m = 20\n");
+    let config = ScannerConfig { divergence_deg: 0.0, ..ScannerConfig::lms111() };
+    let range = config.ground_range_m();
+    assert!((range - 9.9).abs() < 0.1, "{range}");
+    let points = scan(config.clone(), &world, &pose(&world, 0.0, 0.0, 0.0), SEED, 2);
+    let ideal = scan(config.noise_free(), &world, &pose(&world, 0.0, 0.0, 0.0), SEED, 2);
+    // Of the beams that meet the ground at so many times the range, the share that returns.
+    let share = |from: f64, to: f64| {
+        let meets = ideal.iter().zip(&points).filter(|(ideal, _)| {
+            let at = f64::from(ideal.x).hypot(f64::from(ideal.y)).hypot(f64::from(ideal.z)) / range;
+            ideal.is_return() && (from..to).contains(&at)
+        });
+        let (all, seen) = meets.fold((0, 0), |(all, seen), (_, p)| (all + 1, seen + usize::from(p.is_return())));
+        assert!(all > 500, "{all}");
+        f64::from(seen as u32) / f64::from(all)
+    };
+    let (near, at, far) = (share(0.5, 0.75), share(0.93, 1.07), share(1.35, 1.8));
+    assert!(near > 0.95 && (0.3..0.7).contains(&at) && far < 0.1, "{near} {at} {far}");
+    assert_eq!(ScannerConfig::default().ground_range_m(), ScannerConfig::default().range_max_m);
+}

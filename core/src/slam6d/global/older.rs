@@ -8,7 +8,7 @@ use super::pairs::Ready;
 use crate::geometry::Pose;
 use crate::registration::{PreparedScan, Registration};
 use crate::slam6d::TargetState;
-use crate::slam6d::sequential::OlderScans;
+use crate::slam6d::older_scans::OlderScans;
 
 /// The nodes near a guess, looked up when the first is asked for.
 pub(super) struct OlderNodes<'a> {

@@ -4,8 +4,9 @@ use nalgebra::Vector3;
 
 use super::drifting::{block, method};
 use super::*;
+use crate::geometry::Covariance;
 use crate::registration::test_scenes::scan_of;
-use crate::slam6d::HypothesisName;
+use crate::slam6d::{HypothesisName, Prior};
 
 /// What a scanner sees of the block from a corner of the street, within `half_angle` of a heading.
 fn sector(pose: &Pose, heading: f64, half_angle: f64, seed: u64) -> Vec<Point> {
@@ -60,4 +61,48 @@ fn a_scan_of_another_place_is_refused_by_the_older_ones_as_well_and_says_what_wa
     let older = record.hypotheses.iter().filter(|hypothesis| hypothesis.name == HypothesisName::OlderScan);
     assert_eq!(older.filter(|hypothesis| hypothesis.rejected.is_some()).count(), 2);
     assert_eq!(record.target_id, Some(2));
+}
+
+/// A step with a prior that says how sure it is: 0.1 m, 0.01 rad.
+fn step_surely(aligner: &mut GlobalAligner, id: usize, scan: &[Point], prior: Pose) -> AlignmentRecord {
+    let sigmas = [0.1, 0.1, 0.1, 0.01, 0.01, 0.01].map(|sigma: f64| sigma * sigma);
+    let covariance = Some(Covariance::from_diagonal(&sigmas.into()));
+    let prepared = aligner.registration().prepare(ScanView::unordered(scan));
+    let record = aligner.align_prepared(id as u64, prepared, Some(Prior { map_from_scanner: prior, covariance }));
+    aligner.correct(&|| false);
+    record
+}
+
+#[test]
+fn back_from_a_long_way_a_scan_is_tried_first_against_the_one_taken_there() {
+    let mut aligner = aligner(method(1), &GlobalConfig::default());
+    let around = std::f64::consts::PI;
+    // Along the street and back.
+    for (id, k) in [0, 10, 20].into_iter().enumerate() {
+        assert!(step_surely(&mut aligner, id, &sector(&place(k), 0.0, around, id as u64 + 1), place(k)).is_accepted());
+    }
+    let off = place(1) * Pose::translation(0.1, 0.1, 0.0);
+    let back = step_surely(&mut aligner, 3, &sector(&place(1), 0.0, around, 7), off);
+    assert_eq!((back.target_id, back.hypotheses.len()), (Some(0), 1), "{back:?}");
+    assert_eq!(back.hypotheses[0].name, HypothesisName::OlderScan);
+    assert!((back.map_from_scanner.inverse() * place(1)).translation.vector.norm() < 0.03);
+}
+
+#[test]
+fn a_prior_that_says_how_sure_it_is_is_not_overruled_by_constant_motion() {
+    let elsewhere = Pose::new(Vector3::new(14.0, 16.0, 0.0), Vector3::new(0.0, 0.0, 0.7));
+    let points = sector(&elsewhere, 0.0, std::f64::consts::PI, 9);
+    let constant = |record: &AlignmentRecord| {
+        let is = |name| matches!(name, HypothesisName::ConstantMotion | HypothesisName::ConstantMotionWide);
+        record.hypotheses.iter().any(|hypothesis| is(hypothesis.name))
+    };
+    let start = || {
+        let mut aligner = aligner(method(1), &GlobalConfig::default());
+        step_surely(&mut aligner, 0, &sector(&place(0), 0.0, std::f64::consts::PI, 1), place(0));
+        aligner
+    };
+    let sure = step_surely(&mut start(), 1, &points, place(3));
+    let unsure = step(&mut start(), 1, &points, Some(place(3))).0;
+    assert!(!sure.is_accepted() && !constant(&sure), "{sure:?}");
+    assert!(constant(&unsure), "{unsure:?}");
 }

@@ -1,0 +1,62 @@
+//! Paths keep their distance from obstacles where there is room, and go through gaps where there is no other way.
+
+use super::config::PlanningConfig;
+use super::plan::ViewPlan;
+use super::random::Random;
+use super::test_worlds::{at, map_of, plan_with};
+use crate::information_map::{CellIndex, CellState, InformationMap, cells_touched_by_segment};
+
+/// Forty by forty cells of ground with a wall over `columns` of the row at y = 6 m.
+fn walled(columns: impl Fn(usize) -> bool) -> InformationMap {
+    let row = |y: usize| (0..40).map(|x| if y == 20 && columns(x) { '#' } else { '.' }).collect();
+    map_of(&(0..40).map(row).collect::<Vec<String>>(), 0.3)
+}
+
+/// The least distance of the path's cells from a wall's [m], without the robot's own surroundings.
+fn least_distance(plan: &ViewPlan, map: &InformationMap, robot: [f64; 2]) -> f64 {
+    let is_wall = |cell| matches!(map.state(cell), CellState::Known(c) if c < 0.5);
+    let walls: Vec<CellIndex> =
+        (0..1600).map(|k| CellIndex { x: k % 40, y: k / 40 }).filter(|cell| is_wall(*cell)).collect();
+    let mut least = f64::INFINITY;
+    for piece in plan.path.windows(2) {
+        cells_touched_by_segment(
+            [piece[0][0] / 0.3, piece[0][1] / 0.3],
+            [piece[1][0] / 0.3, piece[1][1] / 0.3],
+            |cell| {
+                let [x, y] = map.centre_of(cell);
+                if (x - robot[0]).hypot(y - robot[1]) > 1.5 {
+                    let to = |wall: &CellIndex| 0.3 * f64::from(cell.x - wall.x).hypot(f64::from(cell.y - wall.y));
+                    least = walls.iter().map(to).fold(least, f64::min);
+                }
+                true
+            },
+        );
+    }
+    least
+}
+
+/// Of many random choices the first path that leads well behind the wall.
+fn way_across(map: &InformationMap, clearance_m: f64) -> ViewPlan {
+    let config = PlanningConfig { clearance_m, ..PlanningConfig::default() };
+    let plans = (0..64).map(|run_seed| {
+        plan_with(&mut Random::default(), map, &super::Situation { run_seed, ..at(6.0, 2.0) }, &config)
+    });
+    let mut across = plans.filter(|plan| plan.path.last().is_some_and(|[_, y, _]| *y > 7.5));
+    across.next().expect("some candidate lies across the wall")
+}
+
+#[test]
+fn a_path_around_the_end_of_a_wall_swings_out_where_there_is_room() {
+    let map = walled(|x| (8..28).contains(&x));
+    let [near, far] = [0.0, 0.95].map(|clearance_m| least_distance(&way_across(&map, clearance_m), &map, [6.0, 2.0]));
+    assert!((0.5..0.95).contains(&near), "without clearance it cuts the corner: {near} m");
+    assert!(far > 0.95, "with it it does not: {far} m");
+}
+
+#[test]
+fn a_gap_narrower_than_the_clearance_is_driven_through_where_there_is_no_other_way() {
+    let map = walled(|x| !(18..=22).contains(&x));
+    let plan = way_across(&map, 0.95);
+    let least = least_distance(&plan, &map, [6.0, 2.0]);
+    assert!((0.5..0.95).contains(&least), "{least} m");
+}
