@@ -109,6 +109,18 @@ fn an_exploration_ends_by_itself_when_its_work_is_done() {
 }
 
 #[test]
+fn without_a_command_the_robot_explores_the_world_simple() {
+    let stage = Stage::new();
+    let finished = stage.run_well(&["--set", "acquisition.max_scans=2"]);
+    assert!(finished.stdout.contains("2 scans, 2 aligned"), "{}", finished.stdout);
+    let out = stage.path("mirador-out");
+    let told = summary(&out);
+    assert_eq!((&told["title"], &told["scans"]), (&"Exploration of simple".into(), &2.into()), "{told}");
+    assert!(number(&out, "distance_m") > 0.5, "it has driven: {told}");
+    assert!(out.join("report.html").is_file() && out.join("map.png").is_file());
+}
+
+#[test]
 fn the_same_seed_gives_the_same_exploration_and_another_another() {
     let stage = Stage::new();
     let world = world(&stage);
@@ -142,6 +154,8 @@ fn what_cannot_be_explored_is_refused_by_name() {
     refused(&["explore", "moon"], &["moon", "simple", "structured"]);
     refused(&["explore", "nowhere.toml"], &["nowhere.toml"]);
     refused(&["explore", "--strategy", "lottery"], &["lottery", "coverage_tour"]);
+    let both = ["--set", "acquisition.max_scans=2", "explore", "--set", "acquisition.retake=false"];
+    refused(&both, &["--set", "behind the command"]);
     refused(&["explore", "--weights", "1,2"], &["--weights", "four numbers"]);
     refused(&["explore", "--weights", "0,0,0,1"], &["weights", "at least one"]);
     refused(&["explore", "--weights", "-1,0,0,1"], &["weights.information", "0 to 1"]);

@@ -27,6 +27,8 @@ pub struct LocalizationConfig {
     pub imu: ImuModel,
     /// The wheels.
     pub wheels: WheelModel,
+    /// A laser that looks level.
+    pub laser: LaserModel,
     /// The satellite receiver.
     pub gnss: GnssModel,
     /// The magnetometer.
@@ -48,6 +50,7 @@ impl Default for LocalizationConfig {
             robot_from_scanner_rpy_deg: [0.0; 3],
             imu: ImuModel::default(),
             wheels: WheelModel::default(),
+            laser: LaserModel::default(),
             gnss: GnssModel::default(),
             magnetometer: MagnetometerModel::default(),
             scans: ScanPoseModel::default(),
@@ -124,6 +127,41 @@ impl Default for WheelModel {
             standing_s: 0.3,
             standing_sigma: 0.01,
             standing_turn: 0.03,
+        }
+    }
+}
+
+/// A laser that looks level: what it sees of the surroundings tells whether the robot goes where its wheels go. For floors and
+/// streets: among hills what it sees is mostly ground, which seems to go along.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LaserModel {
+    /// Whether its sweeps count.
+    pub is_used: bool,
+    /// Two sweeps are compared when so many of their points fit, 10 to 10,000,
+    pub least_beams: u32,
+    /// and this share of those that could, 0.1 to 1,
+    pub least_share: f64,
+    /// and fit so well, root mean square [m], 0.001 to 1,
+    pub rms_max_m: f64,
+    /// and so tell the way between them with no larger standard deviation than this in any direction [m], 0.001 to 1.
+    pub sigma_max_m: f64,
+    /// They are compared only while the robot leans by less than this [deg], 0.1 to 45.
+    pub level_deg: f64,
+    /// The robot is stuck where it lags behind its wheels by this share of their way, 0.1 to 1.
+    pub slip_share: f64,
+}
+
+impl Default for LaserModel {
+    fn default() -> Self {
+        Self {
+            is_used: false,
+            least_beams: 40,
+            least_share: 0.7,
+            rms_max_m: 0.04,
+            sigma_max_m: 0.015,
+            level_deg: 3.0,
+            slip_share: 0.5,
         }
     }
 }
@@ -296,6 +334,12 @@ impl LocalizationConfig {
             ("wheels.standing_s", wheels.standing_s, 0.05, 10.0),
             ("wheels.standing_sigma", wheels.standing_sigma, 1e-4, 1.0),
             ("wheels.standing_turn", wheels.standing_turn, 0.005, 1.0),
+            ("laser.least_beams", f64::from(self.laser.least_beams), 10.0, 1e4),
+            ("laser.least_share", self.laser.least_share, 0.1, 1.0),
+            ("laser.rms_max_m", self.laser.rms_max_m, 1e-3, 1.0),
+            ("laser.sigma_max_m", self.laser.sigma_max_m, 1e-3, 1.0),
+            ("laser.level_deg", self.laser.level_deg, 0.1, 45.0),
+            ("laser.slip_share", self.laser.slip_share, 0.1, 1.0),
             ("gnss.latitude_deg", gnss.latitude_deg, -90.0, 90.0),
             ("gnss.longitude_deg", gnss.longitude_deg, -180.0, 360.0),
             ("gnss.height", gnss.height, -1e3, 1e4),

@@ -41,6 +41,8 @@ pub struct Refusals {
     pub gnss: SensorRefusals,
     /// Magnetometer.
     pub magnetometer: SensorRefusals,
+    /// Level laser.
+    pub laser: SensorRefusals,
 }
 
 impl Refusals {
@@ -49,7 +51,8 @@ impl Refusals {
             0 => &mut self.imu,
             1 => &mut self.wheels,
             2 => &mut self.gnss,
-            _ => &mut self.magnetometer,
+            3 => &mut self.magnetometer,
+            _ => &mut self.laser,
         }
     }
 }
@@ -59,7 +62,7 @@ impl Refusals {
 pub(super) struct Intake {
     waiting: VecDeque<Reading>,
     /// The newest stamp of each sensor.
-    newest: [Option<i64>; 4],
+    newest: [Option<i64>; 5],
     /// Everything up to here has counted.
     done_ns: Option<i64>,
     pub refusals: Refusals,

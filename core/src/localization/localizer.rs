@@ -4,9 +4,10 @@ use nalgebra::Vector3;
 
 use super::config::LocalizationConfig;
 use super::intake::{Intake, Refusals};
+use super::laser_track::LaserTrack;
 use super::lost::{Lost, Quarrel, Signs, Source, judge};
 use super::measurements::{self, Earth};
-use super::readings::{GnssSample, ImuSample, MagneticSample, Reading, WheelSample};
+use super::readings::{GnssSample, ImuSample, MagneticSample, Reading, SweepSample, WheelSample};
 use super::state::{GYRO_BIAS, Measurement, Motion, POSITION, ROTATION, State};
 use crate::geometry::{Covariance, Pose, adjoint};
 use crate::registration::ConfigError;
@@ -68,6 +69,8 @@ pub struct Counters {
     pub refused: Refusals,
     /// Speeds of the wheels outside their gate: they slip.
     pub wheels_gated: u64,
+    /// Pieces of the way over which the laser saw the robot lag far behind its wheels.
+    pub slips: u64,
     /// Positions of the receiver outside their gate.
     pub gnss_gated: u64,
     /// Magnetic headings outside their gate.
@@ -91,6 +94,7 @@ pub struct Localizer {
     imu: Option<ImuSample>,
     imu_period: f64,
     wheels: Option<WheelSample>,
+    laser: LaserTrack,
     /// Since when the wheels stand.
     standing_since_ns: Option<i64>,
     /// Since when the robot stands, and the mean of its gyroscopes [rad/s].
@@ -122,6 +126,7 @@ impl Localizer {
             imu: None,
             imu_period: 0.01,
             wheels: None,
+            laser: LaserTrack::default(),
             standing_since_ns: None,
             still: None,
             magnetic_ns: None,
@@ -141,6 +146,7 @@ impl Localizer {
             covariance[(3 + k, 3 + k)] += moved_m.powi(2);
         }
         self.state.put(map_from_robot, &covariance);
+        self.laser.forget();
         self.state.drift = Vector3::zeros();
         self.state.reopen_drift(self.config.gnss.drift_sigma);
     }
@@ -163,6 +169,11 @@ impl Localizer {
     /// Takes a reading in; it counts when its time has come.
     pub fn magnetometer(&mut self, sample: MagneticSample) {
         self.intake.push(Reading::Magnetic(sample));
+    }
+
+    /// Takes a sweep of the level laser in; it counts when its time has come.
+    pub fn sweep(&mut self, sample: SweepSample) {
+        self.intake.push(Reading::Sweep(sample));
     }
 
     /// Lets time pass up to a moment; every reading up to it counts.
@@ -259,6 +270,7 @@ impl Localizer {
         }
         self.quarrels = [Quarrel::default(); 2];
         self.aligned = Some((scan, *map_from_scanner));
+        self.laser.forget();
         if is_far { ScanPoseUse::Moved } else { ScanPoseUse::Corrected }
     }
 
@@ -270,6 +282,7 @@ impl Localizer {
         }
         let new_from_old = map_from_scanner * before.inverse();
         self.state.move_along(&new_from_old);
+        self.laser.forget();
         if let Some((_, then)) = &mut self.anchor {
             *then = new_from_old * *then;
         }
@@ -315,7 +328,8 @@ impl Localizer {
             Reading::Wheels(sample) => self.use_wheels(sample),
             Reading::Gnss(sample) if self.config.gnss.is_used => self.use_gnss(sample),
             Reading::Magnetic(sample) if self.config.magnetometer.is_used => self.use_magnetometer(sample),
-            Reading::Gnss(_) | Reading::Magnetic(_) => {}
+            Reading::Sweep(sample) if self.config.laser.is_used => self.use_sweep(sample),
+            Reading::Gnss(_) | Reading::Magnetic(_) | Reading::Sweep(_) => {}
         }
     }
 
@@ -355,6 +369,8 @@ impl Localizer {
 
     fn use_wheels(&mut self, sample: &WheelSample) {
         let change = self.wheels.map_or(0.0, |last| sample.linear - last.linear);
+        let since = self.wheels.map_or(0.0, |last| seconds(last.stamp_ns, sample.stamp_ns));
+        self.laser.wheels(sample.linear * since);
         self.wheels = Some(*sample);
         let is_still = sample.linear == 0.0 && sample.angular == 0.0;
         self.standing_since_ns = if is_still { self.standing_since_ns.or(Some(sample.stamp_ns)) } else { None };
@@ -362,6 +378,14 @@ impl Localizer {
             self.state.correct(&measurements::zero_velocity(&self.state, &self.config));
             return;
         }
+        if !self.laser.is_slipping() {
+            self.use_forward_speed(sample, change);
+        }
+        let turning = self.angular_velocity().z;
+        self.state.correct(&measurements::no_side_slip(&self.state, turning, &self.config));
+    }
+
+    fn use_forward_speed(&mut self, sample: &WheelSample, change: f64) {
         let forward = measurements::forward_speed(&self.state, sample, change, &self.config);
         let agrees = self.state.distance2(&forward) < WHEEL_GATE.powi(2);
         self.quarrels[0].note(sample.stamp_ns, agrees);
@@ -370,8 +394,13 @@ impl Localizer {
         } else {
             self.counters.wheels_gated += 1;
         }
-        let turning = self.angular_velocity().z;
-        self.state.correct(&measurements::no_side_slip(&self.state, turning, &self.config));
+    }
+
+    fn use_sweep(&mut self, sample: &SweepSample) {
+        let Some(slip) = self.laser.hear(sample, &self.state.pose(), &self.config.laser) else { return };
+        self.state.position += slip.shift;
+        self.state.velocity = slip.velocity;
+        self.counters.slips += 1;
     }
 
     fn use_gnss(&mut self, sample: &GnssSample) {

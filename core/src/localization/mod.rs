@@ -10,18 +10,22 @@
 mod config;
 mod geodesy;
 mod intake;
+mod laser_track;
 mod localizer;
 mod lost;
 mod measurements;
 mod readings;
 mod state;
+mod sweep_matching;
 #[cfg(test)]
 mod tests;
 #[cfg(test)]
 pub(crate) use tests::ride as test_ride;
 
-pub use config::{GnssModel, ImuModel, LocalizationConfig, LostConfig, MagnetometerModel, ScanPoseModel, WheelModel};
+pub use config::{
+    GnssModel, ImuModel, LaserModel, LocalizationConfig, LostConfig, MagnetometerModel, ScanPoseModel, WheelModel,
+};
 pub use intake::{Refusals, SensorRefusals};
 pub use localizer::{Counters, Estimate, Localizer, ScanPoseUse, ScanPrior};
 pub use lost::{Lost, Source};
-pub use readings::{GnssSample, ImuSample, MagneticSample, WheelSample};
+pub use readings::{GnssSample, ImuSample, MagneticSample, SweepSample, WheelSample};

@@ -1,6 +1,8 @@
 //! What the sensors say, as the filter takes it. Stamps are nanoseconds of one clock.
 
-use nalgebra::Vector3;
+use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+use crate::geometry::Pose;
 
 /// Inertial unit, robot frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,13 +52,38 @@ pub struct MagneticSample {
     pub field: Vector3<f64>,
 }
 
+/// A sweep of a laser that looks level.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SweepSample {
+    /// Time [ns].
+    pub stamp_ns: i64,
+    /// Angle of the first beam, anticlockwise from straight ahead [rad].
+    pub first_angle: f64,
+    /// Angle between two beams [rad].
+    pub angle_step: f64,
+    /// Position in the robot's frame [m].
+    pub mount_xyz: [f64; 3],
+    /// Yaw in the robot's frame [rad].
+    pub mount_yaw: f64,
+    /// Ranges [m], NaN without a return.
+    pub ranges: Vec<f32>,
+}
+
+impl SweepSample {
+    pub(super) fn robot_from_laser(&self) -> Pose {
+        let yaw = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.mount_yaw);
+        Pose::from_parts(Translation3::from(self.mount_xyz), yaw)
+    }
+}
+
 /// Any of them.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum Reading {
     Imu(ImuSample),
     Wheels(WheelSample),
     Gnss(GnssSample),
     Magnetic(MagneticSample),
+    Sweep(SweepSample),
 }
 
 impl Reading {
@@ -66,6 +93,7 @@ impl Reading {
             Self::Wheels(sample) => sample.stamp_ns,
             Self::Gnss(sample) => sample.stamp_ns,
             Self::Magnetic(sample) => sample.stamp_ns,
+            Self::Sweep(sample) => sample.stamp_ns,
         }
     }
 
@@ -76,6 +104,7 @@ impl Reading {
             Self::Wheels(_) => 1,
             Self::Gnss(_) => 2,
             Self::Magnetic(_) => 3,
+            Self::Sweep(_) => 4,
         }
     }
 
@@ -89,6 +118,10 @@ impl Reading {
                 place.iter().all(|x| x.is_finite()) && finite(&s.velocity) && finite(&s.sigma)
             }
             Self::Magnetic(s) => finite(&s.field),
+            Self::Sweep(s) => {
+                let mount = s.mount_xyz.iter().chain([&s.mount_yaw, &s.first_angle, &s.angle_step]);
+                mount.copied().all(f64::is_finite) && !s.ranges.iter().any(|range| range.is_infinite())
+            }
         }
     }
 
@@ -101,6 +134,7 @@ impl Reading {
                 s.latitude.abs() > 1.6 || s.longitude.abs() > 6.4 || s.height.abs() > 2e4 || s.velocity.norm() > 100.0
             }
             Self::Magnetic(s) => !(1e-6..1e-3).contains(&s.field.norm()),
+            Self::Sweep(s) => !(1e-4..1.0).contains(&s.angle_step),
         }
     }
 }

@@ -150,6 +150,18 @@ pub enum Rejection {
         /// Angle allowed [rad].
         max_rotation: f64,
     },
+    /// It overlaps little, and lies where the scan was surely not taken.
+    #[error(
+        "{sigmas:.1} standard deviations from where the prior has it, {allowed:.1} are allowed; overlap {overlap:.3} is too little to overrule it"
+    )]
+    ContradictsPrior {
+        /// Distance between the pose found and the expected one, in standard deviations of both.
+        sigmas: f64,
+        /// Distance allowed.
+        allowed: f64,
+        /// The share of points with a partner.
+        overlap: f64,
+    },
     /// The scan cannot be prepared: too little is left of it.
     #[error("the scan has {points} points after thinning; {required} are needed")]
     TooFewPoints {

@@ -27,7 +27,7 @@ mod verifier;
 pub use acceptance::{AcceptanceConfig, Rejection};
 pub use distribution::{distribute, shares};
 pub use errors::{TrajectoryError, trajectory_error};
-pub use prior::Prior;
+pub use prior::{Prior, PriorFrame};
 pub use record::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName};
 pub use restore_error::RestoreError;
 pub use sequential::SequentialAligner;

@@ -6,37 +6,56 @@ use crate::registration::Alignment;
 /// Where a scan was taken, before its alignment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prior {
-    /// `map_from_scanner`, in any fixed frame: only the motion between priors counts.
+    /// `map_from_scanner`.
     pub map_from_scanner: Pose,
+    /// Its frame.
+    pub frame: PriorFrame,
     /// How well it is known since the last aligned scan, perturbation on the right, in the scanner's frame; `None` when nobody
     /// says.
     pub covariance: Option<Covariance>,
 }
 
+/// What the pose of a prior refers to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PriorFrame {
+    /// Any fixed frame, as of an odometer: only the motion between two priors counts.
+    Odometry,
+    /// The map: who gives it hears where scans were aligned and moves along, so a motion between two priors would contain
+    /// what was corrected at the first.
+    Map,
+}
+
 impl From<Pose> for Prior {
     fn from(map_from_scanner: Pose) -> Self {
-        Self { map_from_scanner, covariance: None }
+        Self { map_from_scanner, frame: PriorFrame::Odometry, covariance: None }
     }
 }
 
 /// Weighs the pose that registration found with the one expected by the prior, each by its covariance: the linear estimate of
 /// least variance (Barfoot, State Estimation for Robotics, 2017, section 7.3.2, one step). Where the geometry holds the
 /// pose this changes next to nothing; a direction that it leaves open, along which registration may end anywhere, is held
-/// by the prior. A pose farther than `gate` standard deviations from the expected one is left as it is: then the prior is
-/// wrong about itself.
-pub(super) fn weigh(alignment: &mut Alignment, expected: &Pose, prior: &Covariance, gate: f64) {
+/// by the prior. A pose farther than `gate` standard deviations from the expected one is left as it is: then one of the two
+/// is wrong about itself.
+///
+/// # Errors
+/// How far the pose found lies from the expected one, in standard deviations, when that is beyond the gate.
+pub(super) fn weigh(alignment: &mut Alignment, expected: &Pose, prior: &Covariance, gate: f64) -> Result<(), f64> {
     let error = log(&(expected.inverse() * alignment.target_from_source));
     let found = alignment.covariance;
-    let Some(sum) = (prior + found).cholesky() else { return };
+    let Some(sum) = (prior + found).cholesky() else { return Ok(()) };
     let distance = error.dot(&sum.solve(&error)).max(0.0).sqrt();
-    if distance > gate || !distance.is_finite() {
-        return;
+    if !distance.is_finite() {
+        return Ok(());
+    }
+    if distance > gate {
+        return Err(distance);
     }
     let mut pose = alignment.target_from_source * exp(&(-(found * sum.solve(&error))));
     pose.rotation.renormalize();
     alignment.target_from_source = pose;
     let covariance = found - found * sum.solve(&found);
     alignment.covariance = (covariance + covariance.transpose()) * 0.5;
+    Ok(())
 }
 
 #[cfg(test)]
@@ -70,7 +89,7 @@ mod tests {
         let expected = Pose::new(Vector3::new(3.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 0.4));
         let off = Pose::new(Vector3::new(0.9, 0.12, 0.0), Vector3::zeros());
         let mut found = alignment(expected * off, [2.0, 0.004, 0.004, 0.001, 0.001, 0.001]);
-        weigh(&mut found, &expected, &prior(), 5.0);
+        weigh(&mut found, &expected, &prior(), 5.0).unwrap();
         let left = (expected.inverse() * found.target_from_source).translation.vector;
         assert!(left.x.abs() < 0.005 && (left.y - 0.12).abs() < 0.001, "{left}");
         assert!(found.covariance[(0, 0)].sqrt() < 0.1 && found.covariance[(1, 1)].sqrt() < 0.004);
@@ -81,7 +100,8 @@ mod tests {
     fn a_pose_that_contradicts_the_prior_is_left_as_it_was_found() {
         let mut found = alignment(Pose::translation(0.9, 0.0, 0.0), [0.004; 6]);
         let before = found.clone();
-        weigh(&mut found, &Pose::identity(), &prior(), 5.0);
+        let sigmas = weigh(&mut found, &Pose::identity(), &prior(), 5.0).unwrap_err();
+        assert!((sigmas - 9.0).abs() < 0.1, "{sigmas}");
         assert_eq!(found, before);
     }
 }

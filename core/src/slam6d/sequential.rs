@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::Matrix6;
 
 use super::older_scans::{NoOlderScans, OlderScans};
-use super::prior::{Prior, weigh};
+use super::prior::{Prior, PriorFrame, weigh};
 use super::verifier::Verifier;
 use super::{
     AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection, RestoreError,
@@ -37,7 +37,7 @@ pub struct SequentialAligner {
     target: Option<Arc<dyn PreparedScan>>,
     verifier: Verifier,
     /// Of the scan that is being aligned.
-    prior_covariance: Option<Covariance>,
+    prior: Option<Prior>,
 }
 
 impl SequentialAligner {
@@ -53,14 +53,7 @@ impl SequentialAligner {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         let verifier = Verifier::new(CoarseConfig::default(), spacing_m)?;
-        Ok(Self {
-            registration,
-            config,
-            state: AlignerState::default(),
-            target: None,
-            verifier,
-            prior_covariance: None,
-        })
+        Ok(Self { registration, config, state: AlignerState::default(), target: None, verifier, prior: None })
     }
 
     /// With other settings of the second look at alignments that overlap little.
@@ -166,8 +159,8 @@ impl SequentialAligner {
         prior: Option<Prior>,
         older: &mut dyn OlderScans,
     ) -> AlignmentRecord {
-        self.prior_covariance = prior.and_then(|prior| prior.covariance);
-        let mut record = self.blank_record(scan_id, prior.map(|prior| prior.map_from_scanner));
+        self.prior = prior;
+        let mut record = self.blank_record(scan_id);
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
             Ok(prepared) => match (self.state.target, self.target.take()) {
@@ -177,8 +170,7 @@ impl SequentialAligner {
                             || self.align(&mut record, &target, &*target_scan, &*prepared)
                     } else {
                         self.align(&mut record, &target, &*target_scan, &*prepared)
-                            || (motion_by_priors(&target, record.prior).is_some()
-                                && self.retry(&mut record, older, &*prepared))
+                            || (self.guess_by_prior().is_some() && self.retry(&mut record, older, &*prepared))
                     };
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
@@ -195,15 +187,15 @@ impl SequentialAligner {
     }
 
     /// The record of a scan of which only the guess is known.
-    fn blank_record(&self, scan_id: u64, prior: Option<Pose>) -> AlignmentRecord {
+    fn blank_record(&self, scan_id: u64) -> AlignmentRecord {
         let (metres, radians) = (self.config.guess_sigma_m.powi(2), self.config.guess_sigma_rotation.powi(2));
         AlignmentRecord {
             scan_id,
             target_id: self.state.target.map(|target| target.scan_id),
             method: self.registration.name().to_owned(),
-            prior,
+            prior: self.prior.map(|prior| prior.map_from_scanner),
             hypotheses: Vec::new(),
-            map_from_scanner: self.guess(prior),
+            map_from_scanner: self.guess(),
             covariance: Matrix6::from_diagonal(&[metres, metres, metres, radians, radians, radians].into()),
             pair_covariance: None,
             overlap: 0.0,
@@ -214,12 +206,22 @@ impl SequentialAligner {
         }
     }
 
-    /// Where the scan should be: the target's pose and the motion by the priors since, else constant motion.
-    fn guess(&self, prior: Option<Pose>) -> Pose {
-        match (self.state.target, prior) {
-            (None, prior) => prior.unwrap_or_else(Pose::identity),
-            (Some(target), prior) => motion_by_priors(&target, prior)
-                .map_or_else(|| self.constant_motion(), |motion| normalised(target.map_from_scanner * motion)),
+    /// Where the scan should be: by its prior, else by constant motion; the first one where its prior says.
+    fn guess(&self) -> Pose {
+        if self.state.target.is_none() {
+            return self.prior.map_or_else(Pose::identity, |prior| prior.map_from_scanner);
+        }
+        self.guess_by_prior().unwrap_or_else(|| self.constant_motion())
+    }
+
+    /// Where the prior has the scan in the map: there, or the target's pose and the motion by the priors since.
+    fn guess_by_prior(&self) -> Option<Pose> {
+        let (target, prior) = (self.state.target?, self.prior?);
+        match prior.frame {
+            PriorFrame::Map => Some(prior.map_from_scanner),
+            PriorFrame::Odometry => {
+                Some(normalised(target.map_from_scanner * (target.prior?.inverse() * prior.map_from_scanner)))
+            }
         }
     }
 
@@ -230,15 +232,15 @@ impl SequentialAligner {
     }
 
     /// The starts to try, likeliest first, with their pair distances.
-    fn starts(&self, target: &TargetState, prior: Option<Pose>) -> Vec<(HypothesisName, Pose, f64)> {
+    fn starts(&self, target: &TargetState) -> Vec<(HypothesisName, Pose, f64)> {
         let (near, wide) = (self.config.limits.pair_distance_m, self.config.wide_pair_distance_m);
         let constant = target.map_from_scanner.inverse() * self.constant_motion();
         let mut starts = Vec::with_capacity(4);
-        if let Some(motion) = motion_by_priors(target, prior) {
+        if let Some(motion) = self.guess_by_prior().map(|guess| target.map_from_scanner.inverse() * guess) {
             starts.push((HypothesisName::PriorMotion, motion, near));
             starts.push((HypothesisName::PriorMotionWide, motion, wide));
         }
-        if self.prior_covariance.is_some() && !starts.is_empty() {
+        if self.is_sure() && !starts.is_empty() {
             // Who knows how sure he is of where the scan was taken is not overruled by a habit: among things that look alike
             // that finds a place where the robot cannot be.
             return starts;
@@ -256,7 +258,7 @@ impl SequentialAligner {
         target_scan: &dyn PreparedScan,
         source: &dyn PreparedScan,
     ) -> bool {
-        for (name, start, pair_distance_m) in self.starts(target, record.prior) {
+        for (name, start, pair_distance_m) in self.starts(target) {
             let attempt = Attempt { name, target, scan: target_scan, start, pair_distance_m };
             if self.attempt(record, &attempt, source) {
                 return true;
@@ -272,7 +274,12 @@ impl SequentialAligner {
     fn is_nearer_to_others(&self, record: &AlignmentRecord, target: &TargetState, older: &mut dyn OlderScans) -> bool {
         let guess = record.map_from_scanner;
         let distance = (target.map_from_scanner.translation.vector - guess.translation.vector).norm();
-        self.prior_covariance.is_some() && older.nearest_m(&guess) < NEARER * distance
+        self.is_sure() && older.nearest_m(&guess) < NEARER * distance
+    }
+
+    /// Whether the prior says how well it is known.
+    fn is_sure(&self) -> bool {
+        self.prior.is_some_and(|prior| prior.covariance.is_some())
     }
 
     /// Tries older scans, one after the other, from where the scan is guessed to be. Without this a scan that shares too
@@ -300,7 +307,7 @@ impl SequentialAligner {
             hypothesis.rejected = self.second_look(alignment, attempt, source).err();
             hypothesis.rejected.is_none()
         });
-        let alignment = alignment.map(|alignment| self.weigh(alignment, record, target, &mut hypothesis));
+        let alignment = alignment.and_then(|alignment| self.weigh(alignment, target, &mut hypothesis));
         record.iterations += hypothesis.iterations;
         record.hypotheses.push(hypothesis);
         let Some(alignment) = alignment else { return false };
@@ -308,22 +315,22 @@ impl SequentialAligner {
         true
     }
 
-    /// An accepted alignment, weighed with the prior if that came with a covariance.
-    fn weigh(
-        &self,
-        mut alignment: Alignment,
-        record: &AlignmentRecord,
-        target: &TargetState,
-        hypothesis: &mut Hypothesis,
-    ) -> Alignment {
-        // Without a prior of the last target the guess is none of the priors'.
-        let has_prior = self.state.target.is_some_and(|last| last.prior.is_some());
-        if let Some(covariance) = self.prior_covariance.filter(|_| has_prior) {
-            let expected = target.map_from_scanner.inverse() * record.map_from_scanner;
-            weigh(&mut alignment, &expected, &covariance, self.config.prior_gate_sigmas);
-            hypothesis.result = alignment.target_from_source;
+    /// An accepted alignment, weighed with the prior if that came with a covariance. Where the two contradict each other the
+    /// alignment is believed only if the scans overlap much: scans that share little often fit somewhere else as well.
+    fn weigh(&self, mut alignment: Alignment, target: &TargetState, hypothesis: &mut Hypothesis) -> Option<Alignment> {
+        let allowed = self.config.prior_gate_sigmas;
+        let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| allowed > 0.0);
+        let Some((covariance, guess)) = covariance.zip(self.guess_by_prior()) else { return Some(alignment) };
+        let expected = target.map_from_scanner.inverse() * guess;
+        match weigh(&mut alignment, &expected, &covariance, allowed) {
+            Ok(()) => hypothesis.result = alignment.target_from_source,
+            Err(sigmas) if self.config.acceptance.is_doubtful(&alignment) => {
+                hypothesis.rejected = Some(Rejection::ContradictsPrior { sigmas, allowed, overlap: alignment.overlap });
+                return None;
+            }
+            Err(_) => {}
         }
-        alignment
+        Some(alignment)
     }
 
     /// Weighs an accepted alignment that overlaps little by evidence of its own.
@@ -386,11 +393,6 @@ impl SequentialAligner {
             self.state.target = Some(TargetState { scan_id, map_from_scanner, prior, reduced_points, covariance });
         }
     }
-}
-
-/// The motion since the target, `target_from_source`, if both scans came with a prior.
-fn motion_by_priors(target: &TargetState, prior: Option<Pose>) -> Option<Pose> {
-    Some(target.prior?.inverse() * prior?)
 }
 
 /// The pose with a quaternion of unit length again; products wear it off.

@@ -5,7 +5,7 @@ use std::time::Instant;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::*;
-use crate::geometry::{Pose, exp};
+use crate::geometry::{Covariance, Pose, exp};
 use crate::registration::test_scenes::{CORRIDOR, YARD, data, read_tum, read_xyz32, scan_of};
 use crate::registration::{Registration, RegistrationConfig, Registry};
 use crate::scan::{Point, ScanView};
@@ -48,6 +48,35 @@ fn a_walk_without_priors_is_followed_by_constant_motion() {
         assert_eq!(record.target_id, k.checked_sub(1).map(|k| k as u64));
         assert!(record.covariance.iter().all(|v| v.is_finite()));
     }
+}
+
+#[test]
+fn a_pose_far_from_a_sure_prior_is_believed_where_the_scans_share_much_and_refused_where_they_share_little() {
+    let walk = walk(2);
+    let scans = yard_scans(&walk);
+    let off = walk[1] * Pose::translation(0.7, 0.0, 0.0);
+    let sigmas = [0.1, 0.1, 0.1, 0.01, 0.01, 0.01].map(|sigma: f64| sigma * sigma);
+    let covariance = Some(Covariance::from_diagonal(&sigmas.into()));
+    // What counts as much.
+    let second = |verify_below_overlap: f64| {
+        let acceptance = AcceptanceConfig { verify_below_overlap, ..AcceptanceConfig::default() };
+        let config = SequentialConfig { acceptance, ..SequentialConfig::default() };
+        let mut aligner = SequentialAligner::new(method(DEFAULT_METHOD, 1), config, VOXEL_M).unwrap();
+        let mut align = |k: usize, map_from_scanner: Pose| {
+            let prepared = method(DEFAULT_METHOD, 1).prepare(ScanView::unordered(&scans[k]));
+            let prior = Prior { map_from_scanner, frame: PriorFrame::Map, covariance };
+            aligner.align_prepared(k as u64, prepared, Some(prior))
+        };
+        align(0, walk[0]);
+        align(1, off)
+    };
+    let much = second(0.5);
+    assert!(much.is_accepted() && much.overlap > 0.5 && error(&much, &walk[1]) < 0.03, "{much:?}");
+    let little = second(1.0);
+    assert!(!little.is_accepted());
+    assert_eq!(little.map_from_scanner, off, "it stays where its prior has it");
+    let rejected = little.hypotheses[0].rejected.as_ref().unwrap();
+    assert!(matches!(rejected, Rejection::ContradictsPrior { sigmas, .. } if *sigmas > 5.0), "{rejected:?}");
 }
 
 #[test]
@@ -369,8 +398,8 @@ fn the_covariance_of_a_chain_is_carried_into_the_last_scanners_frame() {
     assert!((covariance[(5, 5)] - 1e-4).abs() < 1e-15);
 }
 
-fn adjoint_check(target_from_source: &Pose, yaw_sigma: f64) -> crate::geometry::Covariance {
-    let mut covariance = crate::geometry::Covariance::zeros();
+fn adjoint_check(target_from_source: &Pose, yaw_sigma: f64) -> Covariance {
+    let mut covariance = Covariance::zeros();
     covariance[(5, 5)] = yaw_sigma * yaw_sigma;
     let carried = crate::geometry::adjoint(&target_from_source.inverse());
     // The adjoint itself: T exp(Ad(T^-1) x) = exp(x) T.

@@ -29,7 +29,7 @@ pub use analysis::{
 };
 pub use header::{Envelope, Header, Meta, ScanId};
 pub use health::{SERVICE_FAILED, SERVICE_RUNNING, SERVICE_STARTING, SERVICE_STOPPING, ServiceHealth};
-pub use motion::{MotionCommand, NavigationStatus, PoseEstimate, RobotPose, RobotState};
+pub use motion::{MotionCommand, NavigationStatus, POSE_FROM_LOCALIZATION, PoseEstimate, RobotPose, RobotState};
 pub use planning::{
     CANDIDATE_OPEN, CandidateView, DECISION_GO, DECISION_STOP, PathMeta, ReplanRequest, ViewPlanMeta, Waypoint,
 };

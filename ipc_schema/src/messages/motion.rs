@@ -11,7 +11,7 @@ message! {
         /// Its 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major;
         /// all zero when unknown.
         pub covariance: [f64; 36],
-        /// 0 recorded, 1 localisation, 2 constant motion.
+        /// Who says it: 0 recorded, in any fixed frame, [`POSE_FROM_LOCALIZATION`] in the map as alignment has it, 2 constant motion.
         pub source: u32,
         /// 1 while localisation does not know where it is.
         pub lost: u32,
@@ -19,6 +19,9 @@ message! {
         pub reserved: u64,
     }
 }
+
+/// The pose is localisation's, which hears where scans were aligned: it is in the map.
+pub const POSE_FROM_LOCALIZATION: u32 = 1;
 
 message! {
     /// Where localisation takes the robot to be now.

@@ -2,12 +2,12 @@
 
 use mirador_core::geometry::{Covariance, pose_from_rows, rotation_angle, rows_from_pose};
 use mirador_core::slam6d::global::{self, CorrectionRecord, PairKind, PairRecord, PairStart};
-use mirador_core::slam6d::{AlignmentStatus, Hypothesis, HypothesisName, Prior};
+use mirador_core::slam6d::{AlignmentStatus, Hypothesis, HypothesisName, Prior, PriorFrame};
 use mirador_ipc_schema::layout::Record;
 use mirador_ipc_schema::messages::{
     self, ALIGNMENT_ACCEPTED, ALIGNMENT_FIRST, ALIGNMENT_REJECTED, AlignmentMeta, Header, LoopClosingMeta,
-    PAIR_ACCEPTED, PAIR_LOOP, PAIR_OVERLAP, PAIR_REJECTED, PAIR_SWITCHED_OFF, PAIR_SWITCHED_ON, PoseCorrection,
-    PoseEstimate, ScanPair,
+    PAIR_ACCEPTED, PAIR_LOOP, PAIR_OVERLAP, PAIR_REJECTED, PAIR_SWITCHED_OFF, PAIR_SWITCHED_ON, POSE_FROM_LOCALIZATION,
+    PoseCorrection, PoseEstimate, ScanPair,
 };
 use mirador_ipc_schema::{ScanId, text};
 use nalgebra::Matrix6;
@@ -32,7 +32,8 @@ pub(crate) fn prior(estimate: &PoseEstimate) -> Option<Prior> {
     let map_from_scanner = pose_from_rows(&estimate.map_from_scanner)?;
     let covariance = Covariance::from_row_slice(&estimate.covariance);
     let is_known = estimate.lost == 0 && covariance.cholesky().is_some();
-    Some(Prior { map_from_scanner, covariance: is_known.then_some(covariance) })
+    let frame = if estimate.source == POSE_FROM_LOCALIZATION { PriorFrame::Map } else { PriorFrame::Odometry };
+    Some(Prior { map_from_scanner, frame, covariance: is_known.then_some(covariance) })
 }
 
 /// The meta part of an alignment message.

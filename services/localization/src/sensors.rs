@@ -1,6 +1,6 @@
 //! The sensors' topics, drained into the filter.
 
-use mirador_core::localization::{GnssSample, ImuSample, Localizer, MagneticSample, WheelSample};
+use mirador_core::localization::{GnssSample, ImuSample, Localizer, MagneticSample, SweepSample, WheelSample};
 use mirador_ipc_schema::{Participant, Subscriber, topics};
 use mirador_service_common::ServiceError;
 
@@ -9,6 +9,9 @@ pub(crate) struct Sensors {
     odometry: Subscriber<topics::Odometry>,
     gnss: Subscriber<topics::Gnss>,
     magnetometer: Subscriber<topics::Magnetometer>,
+    laser: Subscriber<topics::PlanarScan>,
+    /// The mount of the laser that was heard first: sweeps of others are not compared with its own.
+    laser_mount: Option<([f64; 3], f64)>,
     refused: u64,
 }
 
@@ -19,6 +22,8 @@ impl Sensors {
             odometry: participant.subscriber()?,
             gnss: participant.subscriber()?,
             magnetometer: participant.subscriber()?,
+            laser: participant.subscriber()?,
+            laser_mount: None,
             refused: 0,
         })
     }
@@ -53,6 +58,21 @@ impl Sensors {
                 localizer.magnetometer(MagneticSample { stamp_ns: m.stamp_ns, field: m.field.into() });
             }
         }
+        while let Some(message) = self.laser.receive()? {
+            let meta = message.meta();
+            let mount = (meta.mount_xyz, meta.mount_yaw);
+            if *self.laser_mount.get_or_insert(mount) != mount {
+                continue;
+            }
+            localizer.sweep(SweepSample {
+                stamp_ns: meta.header.stamp_ns,
+                first_angle: meta.first_angle,
+                angle_step: meta.angle_step,
+                mount_xyz: meta.mount_xyz,
+                mount_yaw: meta.mount_yaw,
+                ranges: message.items().iter().map(|beam| beam.range).collect(),
+            });
+        }
         self.tell(localizer);
         Ok(())
     }
@@ -61,10 +81,10 @@ impl Sensors {
     fn tell(&mut self, localizer: &Localizer) {
         let refused = localizer.counters().refused;
         let [imu, wheels] = [refused.imu.total(), refused.wheels.total()];
-        let [gnss, magnetometer] = [refused.gnss.total(), refused.magnetometer.total()];
-        let total = imu + wheels + gnss + magnetometer;
+        let [gnss, magnetometer, laser] = [refused.gnss, refused.magnetometer, refused.laser].map(|of| of.total());
+        let total = imu + wheels + gnss + magnetometer + laser;
         if total > 0 && total >= 2 * self.refused {
-            tracing::warn!(imu, wheels, gnss, magnetometer, "readings were refused: bad values or stamps");
+            tracing::warn!(imu, wheels, gnss, magnetometer, laser, "readings were refused: bad values or stamps");
             self.refused = total;
         }
     }

@@ -5,7 +5,7 @@ use std::time::Duration;
 use mirador_core::geometry::{pose_from_rows, rows_from_pose};
 use mirador_core::localization::{Estimate, Localizer, ScanPoseUse};
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_REJECTED, CLOCK_RUNNING, Envelope, Header, PoseEstimate, RobotPose, ScanId,
+    ALIGNMENT_REJECTED, CLOCK_RUNNING, Envelope, Header, POSE_FROM_LOCALIZATION, PoseEstimate, RobotPose, ScanId,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, Wakeable, topics};
@@ -15,9 +15,6 @@ use crate::LocalizationConfig;
 use crate::kept::{self, KEEP_NS};
 use crate::messages::{covariance_from_rows, rows_from_covariance};
 use crate::sensors::Sensors;
-
-/// The prior is made by localisation.
-const FROM_LOCALIZATION: u32 = 1;
 
 /// Estimates until the process is stopped.
 ///
@@ -215,7 +212,7 @@ impl<'a> Service<'a> {
         let estimate = PoseEstimate {
             map_from_scanner: rows_from_pose(&prior.map_from_scanner),
             covariance: rows_from_covariance(&prior.covariance),
-            source: FROM_LOCALIZATION,
+            source: POSE_FROM_LOCALIZATION,
             lost: u32::from(prior.lost.is_some()),
             reserved: 0,
         };

@@ -1,14 +1,15 @@
 //! The command line.
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand, ValueEnum};
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use tracing_subscriber::EnvFilter;
 
 /// From raw 3D laser scans to where the robot should look next.
 ///
-/// Without a command the built-in world `simple` is scanned from a few poses through the whole process graph; results go
-/// to ./mirador-out/.
+/// Without a command a simulated robot explores the built-in world `simple` through the whole process graph, until the model
+/// is complete; results go to ./mirador-out/.
 #[derive(Debug, Parser)]
 #[command(name = "mirador", version, max_term_width = 110)]
 pub struct Cli {
@@ -18,6 +19,24 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub command: Option<Command>,
+}
+
+impl Cli {
+    /// Parses the command line.
+    ///
+    /// # Errors
+    /// clap's, and one of ours: of `--set` before and behind a command clap keeps only those behind it.
+    pub fn read<I: IntoIterator<Item = OsString>>(arguments: I) -> Result<Self, clap::Error> {
+        let arguments: Vec<OsString> = arguments.into_iter().collect();
+        let cli = Self::try_parse_from(&arguments)?;
+        let given = arguments.iter().filter_map(|argument| argument.to_str());
+        let given = given.take_while(|argument| *argument != "--").filter(|a| *a == "--set" || a.starts_with("--set="));
+        if given.count() > cli.common.set.len() {
+            let message = "--set stands before the command and behind it: write all of them behind the command\n";
+            return Err(Self::command().error(clap::error::ErrorKind::ArgumentConflict, message));
+        }
+        Ok(cli)
+    }
 }
 
 /// Options of every command.

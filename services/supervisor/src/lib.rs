@@ -14,7 +14,6 @@ pub mod supervise;
 
 use std::process::ExitCode;
 
-use clap::Parser;
 pub use mirador_core::registration::Registry;
 
 /// The run did what it was asked.
@@ -35,7 +34,7 @@ pub struct UsageError(pub String);
 /// Runs the command line with these registration methods.
 #[must_use]
 pub fn main_with(registry: Registry) -> ExitCode {
-    let cli = match cli::Cli::try_parse() {
+    let cli = match cli::Cli::read(std::env::args_os()) {
         Ok(cli) => cli,
         Err(error) => {
             // Help and version are errors to clap, too, but of exit code 0. A closed pipe is nobody's problem.

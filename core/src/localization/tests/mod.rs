@@ -48,3 +48,62 @@ fn priors_after_about_ten_metres_are_good_enough_for_alignment_and_as_good_as_th
     // Six when the covariance tells the truth; far less and it would be too modest to be of use.
     assert!((1.5..12.0).contains(&nees), "{nees}");
 }
+
+/// A kerb in front that the laser looks over, and walls around that it sees.
+const YARD: &str = r#"
+name = "yard"
+[area]
+x_m = [-10, 10]
+y_m = [-10, 10]
+[start]
+x_m = 0
+y_m = 0
+[terrain]
+margin_m = 5
+[[box]]
+label = "kerb"
+x_m = 2
+y_m = 0
+length_m = 0.4
+width_m = 6
+height_m = 0.3
+[[wall]]
+from_m = [7, -8]
+to_m = [7, 8]
+height_m = 2
+thickness_m = 0.3
+[[wall]]
+from_m = [-5, 6]
+to_m = [7, 6]
+height_m = 2
+thickness_m = 0.3
+"#;
+
+#[test]
+fn a_robot_that_stands_against_a_kerb_knows_that_it_does_whatever_its_wheels_say() {
+    let drive = |is_used: bool| {
+        let scene = Scene::from_toml(YARD, "yard.toml").unwrap();
+        let mut ride = Ride::new(scene, 2, |config| config.laser.is_used = is_used);
+        ride.scan(1.0);
+        ride.go(0.3, 0.3, 14.0);
+        let (metres, _) = size(&ride.off());
+        assert!(ride.truth().pose.translation.x < 2.0, "the kerb holds it");
+        (metres, ride.localizer.counters().slips)
+    };
+    let (metres, slips) = drive(true);
+    assert!(metres < 0.15 && slips > 5, "{metres} m, {slips} pieces");
+    let (metres, slips) = drive(false);
+    assert!(metres > 1.0 && slips == 0, "by the wheels: {metres} m, {slips}");
+}
+
+#[test]
+fn a_robot_that_gets_on_is_not_taken_for_one_that_is_stuck() {
+    for world in ["structured", "unstructured"] {
+        let mut ride = Ride::new(Scene::builtin(world).unwrap(), 3, |config| config.laser.is_used = true);
+        for place in Scene::builtin(world).unwrap().poses.iter().skip(1).take(3) {
+            ride.drive_to(place.x, place.y);
+        }
+        let slips = ride.localizer.counters().slips;
+        assert!(ride.driven > 20.0 && slips < 4, "{world}: {slips} pieces over {} m", ride.driven);
+    }
+}

@@ -139,6 +139,16 @@ pub(crate) fn hear(localizer: &mut Localizer, readings: &Readings) {
             sigma: r.sigma,
         });
     }
+    for r in &readings.planar {
+        localizer.sweep(SweepSample {
+            stamp_ns: stamp(r.time),
+            first_angle: -std::f64::consts::FRAC_PI_2,
+            angle_step: std::f64::consts::PI / 360.0,
+            mount_xyz: [0.5, 0.0, 0.42],
+            mount_yaw: 0.0,
+            ranges: r.beams.iter().map(|beam| beam.range).collect(),
+        });
+    }
     for r in &readings.magnetometer {
         localizer.magnetometer(MagneticSample { stamp_ns: stamp(r.time), field: r.field });
     }

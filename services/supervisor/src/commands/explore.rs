@@ -13,8 +13,8 @@ use crate::{Registry, UsageError};
 pub fn explore(common: &Common, args: &ExploreArgs, registry: &Registry) -> Result<u8> {
     let mut graph = load_graph_or(common, EXPLORATION, registry)?;
     if graph.services.simulator.is_none() {
-        let message =
-            "this graph has no simulator to explore with: add [services.simulator], or launch it with `mirador up`";
+        let message = "this graph has no simulator to explore with: add [services.simulator], launch it with `mirador up`, \
+                       or scan a world from given poses with `mirador tour`";
         return Err(UsageError(message.into()).into());
     }
     apply(args, &mut graph)?;

@@ -20,7 +20,7 @@ use std::io::Write;
 
 use anyhow::Result;
 
-use crate::cli::{BenchCommand, Cli, Command};
+use crate::cli::{BenchCommand, Cli, Command, ExploreArgs};
 use crate::{EXIT_DONE, Registry, supervise};
 
 /// Carries out the command and returns the exit code.
@@ -28,7 +28,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
     let common = &cli.common;
     supervise::pin_to(&common.cores)?;
     match cli.command {
-        None => tour::tour(common, None, &registry),
+        None => explore::explore(common, &ExploreArgs::default(), &registry),
         Some(Command::Explore(args)) => explore::explore(common, &args, &registry),
         Some(Command::Tour { world }) => tour::tour(common, world, &registry),
         Some(Command::Replay(args)) => replay::replay(common, &args, &registry),

@@ -6,7 +6,7 @@ use super::drifting::{block, method};
 use super::*;
 use crate::geometry::Covariance;
 use crate::registration::test_scenes::scan_of;
-use crate::slam6d::{HypothesisName, Prior};
+use crate::slam6d::{HypothesisName, Prior, PriorFrame};
 
 /// What a scanner sees of the block from a corner of the street, within `half_angle` of a heading.
 fn sector(pose: &Pose, heading: f64, half_angle: f64, seed: u64) -> Vec<Point> {
@@ -68,7 +68,8 @@ fn step_surely(aligner: &mut GlobalAligner, id: usize, scan: &[Point], prior: Po
     let sigmas = [0.1, 0.1, 0.1, 0.01, 0.01, 0.01].map(|sigma: f64| sigma * sigma);
     let covariance = Some(Covariance::from_diagonal(&sigmas.into()));
     let prepared = aligner.registration().prepare(ScanView::unordered(scan));
-    let record = aligner.align_prepared(id as u64, prepared, Some(Prior { map_from_scanner: prior, covariance }));
+    let prior = Prior { map_from_scanner: prior, frame: PriorFrame::Map, covariance };
+    let record = aligner.align_prepared(id as u64, prepared, Some(prior));
     aligner.correct(&|| false);
     record
 }
@@ -105,4 +106,17 @@ fn a_prior_that_says_how_sure_it_is_is_not_overruled_by_constant_motion() {
     let unsure = step(&mut start(), 1, &points, Some(place(3))).0;
     assert!(!sure.is_accepted() && !constant(&sure), "{sure:?}");
     assert!(constant(&unsure), "{unsure:?}");
+}
+
+#[test]
+fn a_prior_in_the_map_is_taken_as_it_is_whatever_was_corrected_before() {
+    let mut aligner = aligner(method(1), &GlobalConfig::default());
+    let around = std::f64::consts::PI;
+    step_surely(&mut aligner, 0, &sector(&place(0), 0.0, around, 1), place(0));
+    let off = place(1) * Pose::new(Vector3::new(0.2, -0.2, 0.0), Vector3::new(0.0, 0.0, 0.02));
+    assert!(step_surely(&mut aligner, 1, &sector(&place(1), 0.0, around, 2), off).is_accepted());
+    let target = *aligner.poses().nth(1).unwrap().1;
+    let next = step_surely(&mut aligner, 2, &sector(&place(2), 0.0, around, 3), place(2));
+    let start = next.hypotheses[0].start;
+    assert!((target * start * place(2).inverse()).translation.vector.norm() < 1e-9, "{start}");
 }
