@@ -20,7 +20,8 @@ use support::{Stage, finish, small_tour};
 /// The small tour with the gateway at this port; 0 for any.
 fn live(stage: &Stage, port: u16, more: &[&str]) -> Child {
     let mut arguments = small_tour();
-    let settings = [&["--live", "--set", &format!("gateway.port={port}")], more].concat();
+    let port = format!("gateway.port={port}");
+    let settings = [&["--live", "--set", port.as_str()], more].concat();
     arguments.extend(settings.iter().map(|s| (*s).to_owned()));
     stage.mirador(&arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
