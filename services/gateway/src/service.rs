@@ -34,9 +34,10 @@ pub fn run(setup: &ServiceSetup, config: &GatewayConfig) -> Result<(), ServiceEr
     }
     let participant = setup.join()?;
     let mut health = HealthReporter::open(&participant, &setup.name)?;
+    // Before it listens: a reader that reads an old recording meanwhile would hold up the graph.
+    let mut gateway = Gateway::open(setup, config)?;
     let taps = open_taps(&participant)?;
     let ports: Vec<&dyn Wakeable> = taps.iter().map(|tap| tap.port()).collect();
-    let mut gateway = Gateway::open(setup, config)?;
     health.running(&participant);
     while !setup.stop.is_set() {
         participant.wait(&ports, HEARTBEAT);
