@@ -9,6 +9,7 @@ pub mod observer;
 pub mod outputs;
 pub mod page;
 pub mod python;
+pub mod viewer;
 
 use std::fs;
 use std::io::Write;

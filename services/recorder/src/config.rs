@@ -1,6 +1,7 @@
 //! Configuration of the recorder.
 
 use mirador_ipc_schema::topics;
+use mirador_viewers::ViewConfig;
 use serde::{Deserialize, Serialize};
 
 /// How chunks of the recording are compressed.
@@ -47,6 +48,9 @@ impl Default for RecorderConfig {
         }
     }
 }
+
+/// Share of the raw records that each channel of the view which shows all there is (model, map, poses, ...) may take.
+const VIEW_SHARE: f64 = 0.02;
 
 /// The topics that have one message a scan.
 const ACKNOWLEDGED: [&str; 5] = ["scan", "alignment", "loop_closing", "scored_scan", "view_plan"];
@@ -107,6 +111,11 @@ impl RecorderConfig {
             Some(name) => Err(ConfigError::LeaveOut(name.clone())),
             None => Ok(()),
         }
+    }
+
+    /// How much of the view is written.
+    pub(crate) fn view(&self) -> ViewConfig {
+        ViewConfig { most_points: self.foxglove_points, share: Some(VIEW_SHARE), clock_offset_ns: 0 }
     }
 
     /// Whether messages on this topic are written down.

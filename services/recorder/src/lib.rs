@@ -5,7 +5,6 @@
 //! same run in foxglove's message types, for viewers.
 
 mod config;
-mod foxglove_view;
 mod ledger;
 mod read;
 mod records;

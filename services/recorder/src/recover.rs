@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use bytemuck::Zeroable;
 use mirador_ipc_schema::Header;
 use mirador_ipc_schema::topics;
+use mirador_viewers::View;
 
-use crate::foxglove_view::FoxgloveView;
 use crate::ledger::Ledger;
 use crate::{CHANNEL_PREFIX, ReadError, RecorderConfig, RunReader, RunWriter, WriteError};
 
@@ -38,7 +38,7 @@ pub(crate) fn recover(
     path: &Path,
     config: &RecorderConfig,
     ledger: &mut Ledger,
-    view: Option<&mut FoxgloveView>,
+    view: Option<&mut View>,
     progress: &mut dyn FnMut(),
 ) -> Result<RunWriter, RecoverError> {
     let mut old = match RunReader::open(path) {

@@ -1,24 +1,25 @@
 //! The recorder's loop: wait, write down everything that is there, acknowledge the scans that are safe.
 
-use std::any::Any;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use mirador_ipc_schema::messages::{
-    AlignmentMeta, Envelope, Header, MapMeta, Meta, ScanId, ScanRequest, ScanRequestKind, ServiceHealth,
-};
+use mirador_ipc_schema::messages::{Envelope, Header, Meta, ScanId, ScanRequest, ScanRequestKind, ServiceHealth};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::topics::{self, Topic};
 use mirador_ipc_schema::{JoinError, Participant, PortError, ReceiveFailure, Subscriber, Wakeable, for_each_topic};
+use mirador_viewers::View;
 
-use crate::foxglove_view::FoxgloveView;
 use crate::ledger::Ledger;
 use crate::recover::recover;
-use crate::{ConfigError, RUN_FILE, ReadError, RecorderConfig, RecoverError, RunReader, RunWriter, WriteError};
+use crate::{
+    ConfigError, RUN_FILE, ReadError, RecorderConfig, RecoverError, RunReader, RunStatistics, RunWriter, WriteError,
+};
 
 /// After a stop the recorder takes what is still there for at most this long.
 const LAST_ORDERS: Duration = Duration::from_secs(5);
 
+/// When nobody has said anything for so long, no plan is being worked on.
+const QUIET: Duration = Duration::from_secs(1);
 /// A missing scan is asked for again after this long.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// A scan that is incomplete while later ones are complete is given up after this long.
@@ -88,6 +89,9 @@ fn record(
         for tap in &taps {
             received += tap.drain(&mut recorder)?;
         }
+        if recorder.heard.elapsed() > QUIET {
+            recorder.settle()?;
+        }
         recorder.flush()?;
         for scan in gaps.requests(&mut recorder.ledger) {
             let id = ScanId { robot: 0, run: setup.run, scan }.pack();
@@ -109,7 +113,7 @@ fn record(
         }
     }
     let path = recorder.writer.path().to_owned();
-    let statistics = recorder.writer.finish()?;
+    let statistics = recorder.finish()?;
     tracing::info!(path = %path.display(), messages = statistics.messages, bytes = statistics.bytes, "recording ended");
     Ok(())
 }
@@ -151,24 +155,26 @@ impl Gaps {
 struct Recorder {
     writer: RunWriter,
     ledger: Ledger,
-    view: Option<FoxgloveView>,
+    view: Option<View>,
     /// State and count of finished scans of every service, as recorded last.
     services: BTreeMap<[u8; 32], (u32, u32)>,
     /// Something was written that a scan waits for.
     urgent: bool,
+    /// When something of the run was said last.
+    heard: Instant,
 }
 
 impl Recorder {
     fn open(setup: &ServiceSetup, config: &RecorderConfig, progress: &mut dyn FnMut()) -> Result<Self, RecorderError> {
         let path = setup.run_dir.join(RUN_FILE);
         let mut ledger = Ledger::new(config.acknowledged());
-        let mut view = config.foxglove.then(|| FoxgloveView::new(config.foxglove_points));
+        let mut view = config.foxglove.then(|| View::new(config.view()));
         let writer = if path.exists() && (setup.incarnation > 0 || was_cut_off(&path)) {
             recover(&path, config, &mut ledger, view.as_mut(), progress)?
         } else {
             RunWriter::create(&path, config)?
         };
-        Ok(Self { writer, ledger, view, services: BTreeMap::new(), urgent: false })
+        Ok(Self { writer, ledger, view, services: BTreeMap::new(), urgent: false, heard: Instant::now() })
     }
 
     /// Writes a message down, unless it is a repetition or says nothing new.
@@ -178,9 +184,12 @@ impl Recorder {
             return Ok(());
         }
         self.writer.record::<T>(meta, items)?;
+        if topic != topics::ServiceHealth::RULES.name {
+            self.heard = Instant::now();
+        }
         self.urgent |= ["scan", "alignment", "loop_closing", "scored_scan", "view_plan"].contains(&topic);
         match &mut self.view {
-            Some(view) => draw::<T>(view, &mut self.writer, meta, items),
+            Some(view) => view.take::<T, _>(&mut self.writer, meta, items),
             None => Ok(()),
         }
     }
@@ -193,6 +202,20 @@ impl Recorder {
         let Ok(health) = bytemuck::try_pod_read_unaligned::<ServiceHealth>(items) else { return true };
         let now = (health.state, health.finished_scans);
         self.services.insert(health.service, now) != Some(now)
+    }
+
+    /// Draws what waits for a plan that does not come.
+    fn settle(&mut self) -> Result<(), WriteError> {
+        self.heard = Instant::now();
+        self.view.as_mut().map_or(Ok(()), |view| view.settle(&mut self.writer))
+    }
+
+    /// Draws what was left out so far, and ends the file.
+    fn finish(mut self) -> Result<RunStatistics, WriteError> {
+        if let Some(view) = &mut self.view {
+            view.finish(&mut self.writer)?;
+        }
+        self.writer.finish()
     }
 
     /// Makes safe what a scan waits for.
@@ -209,38 +232,6 @@ fn was_cut_off(path: &std::path::Path) -> bool {
     match RunReader::open(path) {
         Ok(reader) => !reader.is_complete(),
         Err(error) => matches!(error, ReadError::Empty { .. }),
-    }
-}
-
-/// Draws a message in the view.
-fn draw<T: Topic>(
-    view: &mut FoxgloveView,
-    out: &mut RunWriter,
-    meta: &T::Meta,
-    items: &[T::Item],
-) -> Result<(), WriteError> {
-    let header = *meta.header();
-    let any: &dyn Any = meta;
-    // The name decides the type of the items, so none of these casts can fail.
-    match T::RULES.name {
-        "scan" => {
-            if let Ok(points) = bytemuck::try_cast_slice(items) {
-                view.scan(&header, points);
-            }
-            Ok(())
-        }
-        "alignment" => any.downcast_ref::<AlignmentMeta>().map_or(Ok(()), |meta| view.alignment(out, meta)),
-        "pose_corrections" => {
-            bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.corrections(out, &header, items))
-        }
-        "scored_scan" => bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.scored(out, &header, items)),
-        "view_plan" => bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.candidates(out, &header, items)),
-        "path" => bytemuck::try_cast_slice(items).map_or(Ok(()), |items| view.path(out, &header, items)),
-        "information_map" => match (any.downcast_ref::<MapMeta>(), bytemuck::try_cast_slice(items)) {
-            (Some(meta), Ok(tiles)) => view.map(out, meta, tiles),
-            _ => Ok(()),
-        },
-        _ => Ok(()),
     }
 }
 

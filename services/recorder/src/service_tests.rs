@@ -1,6 +1,8 @@
 use super::*;
 use crate::testing::{header, points};
-use mirador_ipc_schema::messages::{LoopClosingMeta, PointScore, ScanMeta, ScoredScanMeta, ViewPlanMeta};
+use mirador_ipc_schema::messages::{
+    AlignmentMeta, LoopClosingMeta, PointScore, ScanMeta, ScoredScanMeta, ViewPlanMeta,
+};
 use mirador_ipc_schema::topics::Sizes;
 use mirador_ipc_schema::{Domain, StopSignal, Wake};
 use std::path::Path;

@@ -10,8 +10,8 @@ use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions};
 use mirador_ipc_schema::messages::Meta;
 use mirador_ipc_schema::topics::{self, Topic};
+use mirador_viewers::{CHANNELS, Sink, Stamps};
 
-use crate::foxglove_view::VIEW_CHANNELS;
 use crate::{CHANNEL_PREFIX, Compression, MESSAGE_ENCODING, RecorderConfig, SCHEMA_ENCODING};
 
 /// Why the recording cannot be written.
@@ -105,7 +105,7 @@ impl RunWriter {
             self.raw.insert(topic.rules.name, channel);
         }
         if view {
-            for channel in VIEW_CHANNELS {
+            for channel in CHANNELS {
                 let (schema, encoding) = (channel.declaration)();
                 let id = self.writer.add_schema(&schema.name, &schema.encoding, &schema.data)?;
                 let id = self.writer.add_channel(id, channel.topic, &encoding, &no_metadata)?;
@@ -145,18 +145,6 @@ impl RunWriter {
             publish_time: u64::try_from(header.stamp_ns).unwrap_or(0),
         };
         let written = self.write(self.raw.get(T::RULES.name).copied(), stamps, &scratch);
-        self.scratch = scratch;
-        written
-    }
-
-    /// Writes a message of the view.
-    pub(crate) fn view(&mut self, topic: &str, stamps: Stamps, message: &impl Encode) -> Result<(), WriteError> {
-        let mut scratch = std::mem::take(&mut self.scratch);
-        scratch.clear();
-        let encoded = message
-            .encode(&mut scratch)
-            .map_err(|e| WriteError::Write { path: self.path.clone(), reason: format!("view {topic}: {e}") });
-        let written = encoded.and_then(|()| self.write(self.view.get(topic).copied(), stamps, &scratch));
         self.scratch = scratch;
         written
     }
@@ -203,12 +191,23 @@ impl RunWriter {
     }
 }
 
-/// Number and times of a message as MCAP keeps them.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Stamps {
-    pub(crate) sequence: u32,
-    pub(crate) log_time: u64,
-    pub(crate) publish_time: u64,
+impl Sink for RunWriter {
+    type Error = WriteError;
+
+    fn wants(&self, channel: &'static str) -> bool {
+        self.view.contains_key(channel)
+    }
+
+    fn draw<M: Encode>(&mut self, channel: &'static str, stamps: Stamps, message: &M) -> Result<(), WriteError> {
+        let mut scratch = std::mem::take(&mut self.scratch);
+        scratch.clear();
+        let encoded = message
+            .encode(&mut scratch)
+            .map_err(|e| WriteError::Write { path: self.path.clone(), reason: format!("view {channel}: {e}") });
+        let written = encoded.and_then(|()| self.write(self.view.get(channel).copied(), stamps, &scratch));
+        self.scratch = scratch;
+        written
+    }
 }
 
 fn failure(path: &Path, error: &McapError) -> WriteError {

@@ -54,6 +54,9 @@ pub struct Common {
     /// Name of the graph on this host; graphs of different domains do not see each other.
     #[arg(long, global = true, value_name = "NAME")]
     pub domain: Option<String>,
+    /// Show the run live in viewers while it goes on: Foxglove at ws://127.0.0.1:8765 (gateway.port).
+    #[arg(long, global = true)]
+    pub live: bool,
     /// Processor cores the graph may use, for example 0,1 [default: all].
     #[arg(long, global = true, value_name = "LIST", value_delimiter = ',')]
     pub cores: Vec<usize>,

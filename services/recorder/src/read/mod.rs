@@ -15,9 +15,10 @@ use std::path::{Path, PathBuf};
 use mirador_ipc_schema::ScanId;
 use mirador_ipc_schema::messages::{Point, ScanMeta};
 use mirador_ipc_schema::topics::{self, Topic, TopicInfo};
+use mirador_viewers::Stamps;
 
+use crate::CHANNEL_PREFIX;
 use crate::records::{Chunk, Packing};
-use crate::write::Stamps;
 
 use index::Declared;
 
@@ -194,6 +195,17 @@ impl RunReader {
             _ => "no scans at all".to_owned(),
         };
         ReadError::NoScan { path: self.path.clone(), scan, present }
+    }
+
+    /// Calls `visit` with the topic and the bytes (meta part, then items) of every message, in the order of the recording.
+    ///
+    /// # Errors
+    /// See [`ReadError`].
+    pub fn for_each_message(&mut self, mut visit: impl FnMut(&str, &[u8])) -> Result<(), ReadError> {
+        self.for_each_record(|channel, _, data| {
+            channel.strip_prefix(CHANNEL_PREFIX).into_iter().for_each(|topic| visit(topic, data));
+            Ok(())
+        })
     }
 
     /// Calls `visit` with the channel, the stamps and the bytes of every message, those of the view included.

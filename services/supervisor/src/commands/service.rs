@@ -48,6 +48,7 @@ pub fn run_service(common: &Common, args: &RunArgs, registry: &Registry) -> Resu
         "alignment" => mirador_alignment::run(&setup, &graph.alignment, registry),
         "analysis" => mirador_analysis::run(&setup, &graph.analysis),
         "planning" => mirador_planning::run(&setup, &graph.planning),
+        "gateway" => mirador_gateway::run(&setup, &graph.gateway),
         _ => mirador_recorder::run(&setup, &graph.recorder).map_err(|e| ServiceError::Work(e.to_string())),
     };
     match result {

@@ -36,6 +36,9 @@ fn load(common: &Common, file: Option<&Path>, built_in: &str, registry: &Registr
     if let Some(domain) = &common.domain {
         settings.push(format!("graph.domain=\"{domain}\""));
     }
+    if common.live {
+        settings.push("services.gateway.threads=1".to_owned());
+    }
     let loaded = match file.or(common.config.as_deref()) {
         Some(path) => graph::load(path, &settings, registry),
         None => graph::load_text(built_in, "the built-in graph", &settings, registry),
@@ -115,13 +118,17 @@ impl Session<'_> {
             // Without it alignment goes on by its fallback method.
             entry.optional = true;
         }
+        if let Some(gateway) = &mut self.graph.services.gateway {
+            gateway.optional = true;
+        }
         let known = match self.graph.acquisition.source {
             SourceKind::Robot => self.prepare_robot()?,
             SourceKind::Scene | SourceKind::Replay => self.prepare_source()?,
         };
         let services = self.graph.services.entries();
-        // The robot's own services go by its time, not by scans.
-        let by_scan = |name: &&str| !["simulator", "acquisition", "localization", "navigation"].contains(name);
+        // The robot's own services go by its time, not by scans; and nobody waits for viewers.
+        let by_scan =
+            |name: &&str| !["simulator", "acquisition", "localization", "navigation", "gateway"].contains(name);
         let names = services.iter().map(|(name, _)| *name).filter(by_scan);
         self.graph.acquisition.lockstep_with = names.map(str::to_owned).collect();
         if self.graph.graph.lockstep && self.graph.acquisition.speed > 0.0 {
@@ -212,6 +219,9 @@ impl Session<'_> {
         fs::write(&path, &text).with_context(|| format!("{}: cannot be written", path.display()))?;
         if !self.common.quiet {
             println!("# configuration in effect, saved as {}\n{text}", path.display());
+            if self.graph.services.gateway.is_some() {
+                println!("live at ws://127.0.0.1:{}: open it in Foxglove", self.graph.gateway.port);
+            }
         }
         Ok(text)
     }

@@ -134,7 +134,8 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
             return fail(&format!("{table}.{name}.{key}"), message);
         }
     }
-    if let Some((name, _)) = graph.services.entries().into_iter().find(|(_, entry)| entry.optional) {
+    let is_needed = |name: &str| name != "gateway";
+    if let Some((name, _)) = graph.services.entries().into_iter().find(|(name, e)| e.optional && is_needed(name)) {
         let message = "a service is not optional: leave its table out where it is not needed".into();
         return fail(&format!("services.{name}.optional"), message);
     }
@@ -156,7 +157,7 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
     if let Err(error) = graph.alignment.check(registry) {
         return fail("alignment.registration", error.to_string());
     }
-    let checks: [(&str, Result<(), String>); 9] = [
+    let checks: [(&str, Result<(), String>); 10] = [
         ("simulator", graph.simulator.validate().map_err(|e| e.to_string())),
         ("laser_driver", graph.laser_driver.validate().map_err(|e| e.to_string())),
         ("localization", graph.localization.validate().map_err(|e| e.to_string())),
@@ -164,6 +165,7 @@ fn check(graph: &Graph, text: &str, file: &str, registry: &Registry) -> Result<(
         ("acquisition", graph.acquisition.validate().map_err(|e| e.to_string())),
         ("alignment", graph.alignment.validate().map_err(|e| e.to_string())),
         ("analysis", graph.analysis.validate().map_err(|e| e.to_string())),
+        ("gateway", graph.gateway.validate()),
         ("recorder", graph.recorder.validate().map_err(|e| e.to_string())),
         ("planning", graph.planning.validate().map_err(|e| e.to_string())),
     ];

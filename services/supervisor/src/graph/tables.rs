@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use mirador_acquisition::AcquisitionConfig;
 use mirador_alignment::AlignmentConfig;
 use mirador_analysis::AnalysisConfig;
+use mirador_gateway::GatewayConfig;
 use mirador_ipc_schema::Wake;
 use mirador_laser_driver::LaserDriverConfig;
 use mirador_localization::LocalizationConfig;
@@ -15,7 +16,7 @@ use mirador_simulator::SimulatorConfig;
 use serde::{Deserialize, Serialize};
 
 /// The services of mirador, in the order of the data flow.
-pub const SERVICES: [&str; 9] = [
+pub const SERVICES: [&str; 10] = [
     "simulator",
     "laser_driver",
     "acquisition",
@@ -24,6 +25,7 @@ pub const SERVICES: [&str; 9] = [
     "analysis",
     "planning",
     "navigation",
+    "gateway",
     "recorder",
 ];
 
@@ -66,6 +68,9 @@ pub struct Graph {
     /// How the robot follows its path.
     #[serde(default)]
     pub navigation: NavigationConfig,
+    /// What is shown live.
+    #[serde(default)]
+    pub gateway: GatewayConfig,
     /// What is recorded.
     #[serde(default)]
     pub recorder: RecorderConfig,
@@ -138,6 +143,9 @@ pub struct ServiceTables {
     /// Drives the robot to the next view.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub navigation: Option<ServiceEntry>,
+    /// Shows the run live in viewers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gateway: Option<ServiceEntry>,
     /// Writes everything down.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub recorder: Option<ServiceEntry>,
@@ -156,6 +164,7 @@ impl ServiceTables {
             &self.analysis,
             &self.planning,
             &self.navigation,
+            &self.gateway,
             &self.recorder,
         ];
         entries.into_iter().zip(SERVICES).filter_map(|(entry, name)| entry.as_ref().map(|e| (name, e))).collect()
@@ -180,7 +189,7 @@ pub struct ServiceEntry {
     /// Once it has reported its health, it is ended, and started again as its rule says, when it reports nothing for
     /// this time; 0 never [ms].
     pub health_timeout_ms: u32,
-    /// Only for programs: the run goes on without it when it may not be started again.
+    /// Only for programs and the gateway: the run goes on without it when it may not be started again.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub optional: bool,
 }

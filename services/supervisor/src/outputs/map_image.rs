@@ -3,6 +3,8 @@
 
 use mirador_ipc_schema::messages::{CANDIDATE_OPEN, MAP_TILE_SIDE, MapCell};
 
+use mirador_viewers::colour::{CHOSEN, TRAJECTORY, blend, blue_to_yellow, red_to_green};
+
 use super::canvas::{Canvas, Colour};
 use super::run_data::{FinalMap, RunData};
 
@@ -18,9 +20,7 @@ const LINE: i64 = 30;
 const PAPER: Colour = [250, 250, 250];
 const INK: Colour = [40, 40, 40];
 const UNKNOWN: Colour = [205, 205, 205];
-const TRAJECTORY: Colour = [25, 60, 160];
 const CANDIDATE: Colour = [90, 30, 120];
-const CHOSEN: Colour = [220, 0, 180];
 
 /// One of the pictures.
 struct Panel {
@@ -201,25 +201,6 @@ fn draw_scale_bar(canvas: &mut Canvas, window: &Window, y: i64) {
     canvas.rectangle(MARGIN + pixels - 2, y, 2, 16, INK);
     let label = if length < 1.0 { format!("{length:.1} m") } else { format!("{length:.0} m") };
     canvas.text(MARGIN + pixels + 8, y + 2, 2, &label, INK);
-}
-
-/// Red at 0, yellow half-way, green at 1.
-fn red_to_green(value: f64) -> Colour {
-    blend(&[[200, 40, 35], [245, 205, 70], [40, 150, 65]], value)
-}
-
-/// Dark blue at 0, teal half-way, yellow at 1; rises in brightness throughout.
-fn blue_to_yellow(value: f64) -> Colour {
-    blend(&[[50, 20, 100], [40, 120, 140], [90, 190, 100], [250, 230, 60]], value)
-}
-
-/// The colour at `value` in [0, 1] between evenly spaced stops.
-fn blend(stops: &[Colour], value: f64) -> Colour {
-    let place = value.clamp(0.0, 1.0) * (stops.len() - 1) as f64;
-    let k = (place as usize).min(stops.len() - 2);
-    let share = place - k as f64;
-    let mix = |c: usize| (f64::from(stops[k][c]) * (1.0 - share) + f64::from(stops[k + 1][c]) * share).round() as u8;
-    [mix(0), mix(1), mix(2)]
 }
 
 #[cfg(test)]
