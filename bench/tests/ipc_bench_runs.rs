@@ -61,7 +61,7 @@ fn every_case_has_its_rows_and_no_message_is_lost() {
                 let rows = report.find(name, &params);
                 assert_eq!(rows.len(), 1, "{name} {transport} {wake} {bytes}");
                 let row = rows[0];
-                let s = row.summary;
+                let s = &row.summary;
                 // A message that was lost or came out of turn would have ended the run.
                 assert_eq!(s.n as u64, MESSAGES);
                 assert_eq!(row.unit, "us");

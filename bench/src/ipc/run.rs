@@ -223,7 +223,7 @@ impl Rows {
         let hops = measured.latency.each_ref().map(|series| Summary::of_ns_in_us(series));
         for (place, transport) in case.pair.into_iter().enumerate() {
             let transport = Some(transport);
-            self.hop.extend(hops[place].map(|s| row("hop", "us", case, transport, s)));
+            self.hop.extend(hops[place].clone().map(|s| row("hop", "us", case, transport, s)));
             let write = Summary::of_ns_in_us(&measured.write[place]);
             self.write.extend(write.map(|s| row("payload_write", "us", case, transport, s)));
             let send = Summary::of_ns_in_us(&measured.send[place]);

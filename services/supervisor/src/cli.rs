@@ -264,6 +264,9 @@ pub enum BenchCommand {
         #[arg(long, value_name = "N", default_value_t = 10)]
         repetitions: usize,
     },
+    /// What became slower, and what faster, from one report to another, by a statistical test. The exit code is 1 when
+    /// anything became slower, 2 when the reports cannot be compared.
+    Compare(BenchCompareArgs),
     /// Rays a second, time of a scan and of a step of the physics in every built-in world.
     Simulator {
         /// Write the figures to this file.
@@ -273,6 +276,26 @@ pub enum BenchCommand {
         #[arg(long, value_name = "N", default_value_t = 11)]
         repetitions: usize,
     },
+}
+
+/// Arguments of `bench compare`.
+#[derive(Debug, Clone, Args)]
+pub struct BenchCompareArgs {
+    /// The earlier report, written by `bench WHAT --json FILE`.
+    #[arg(value_name = "OLD.json")]
+    pub old: PathBuf,
+    /// The later one.
+    #[arg(value_name = "NEW.json")]
+    pub new: PathBuf,
+    /// Changes up to this share are none: 0.05 is 5 %.
+    #[arg(long, value_name = "SHARE", default_value_t = 0.05, allow_hyphen_values = true)]
+    pub threshold: f64,
+    /// The largest chance that noise alone makes anything a regression.
+    #[arg(long, value_name = "CHANCE", default_value_t = 0.01, allow_hyphen_values = true)]
+    pub alpha: f64,
+    /// Write the comparison to this file.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
 }
 
 /// Arguments of `bench pipeline`.

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result};
 use mirador_bench::BenchReport;
+use mirador_bench::compare::{self, CompareOptions};
 use mirador_bench::ipc::{self, IpcOptions};
 use mirador_bench::planning::{self, PlanningBenchError, PlanningCase, PlanningOptions};
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
@@ -14,8 +15,8 @@ use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
 use super::bench_pipeline;
-use crate::cli::{BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
-use crate::{EXIT_DONE, Registry, UsageError};
+use crate::cli::{BenchCompareArgs, BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
+use crate::{EXIT_DONE, EXIT_FAILED, Registry, UsageError};
 
 /// Latency between two processes.
 pub fn ipc(json: Option<&Path>, messages: Option<usize>, pace_ms: Option<f64>) -> Result<u8> {
@@ -63,6 +64,15 @@ pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Regist
 pub fn pipeline(common: &Common, args: &BenchPipelineArgs, registry: &Registry) -> Result<u8> {
     keep(&bench_pipeline::measure(common, args, registry)?, args.json.as_deref())?;
     Ok(EXIT_DONE)
+}
+
+/// What became slower from one report to another.
+pub fn compare(args: &BenchCompareArgs) -> Result<u8> {
+    let options = CompareOptions { threshold: args.threshold, alpha: args.alpha };
+    let comparison = compare::compare(&args.old, &args.new, &options).map_err(|e| UsageError(e.to_string()))?;
+    compare::print(&comparison, &mut std::io::stdout().lock())?;
+    write_json(&comparison, args.json.as_deref())?;
+    Ok(if comparison.is_regression() { EXIT_FAILED } else { EXIT_DONE })
 }
 
 /// The stages by themselves.
@@ -147,9 +157,41 @@ pub fn planning(args: &BenchPlanningArgs, quiet: bool) -> Result<u8> {
 /// Prints the table and writes the JSON file, if asked.
 fn keep(report: &BenchReport, json: Option<&Path>) -> Result<()> {
     report.print_table(&mut std::io::stdout().lock())?;
-    if let Some(path) = json {
-        let text = serde_json::to_string_pretty(report)?;
+    write_json(report, json)
+}
+
+fn write_json(value: &impl serde::Serialize, path: Option<&Path>) -> Result<()> {
+    if let Some(path) = path {
+        // A list of numbers on one line each would make the samples of a report the most of it.
+        let text = report_json(&serde_json::to_value(value)?);
         std::fs::write(path, text).with_context(|| format!("{}: cannot be written", path.display()))?;
     }
     Ok(())
+}
+
+/// JSON with a line for every row.
+fn report_json(value: &serde_json::Value) -> String {
+    let Some(object) = value.as_object() else { return value.to_string() };
+    let field = |(key, value): (&String, &serde_json::Value)| {
+        let rows = value.as_array().filter(|rows| rows.iter().any(serde_json::Value::is_object));
+        let lines = rows.map(|rows| rows.iter().map(|row| format!("\n    {row}")).collect::<Vec<_>>().join(","));
+        let text = lines.map_or_else(|| value.to_string(), |lines| format!("[{lines}\n  ]"));
+        format!("  {}: {text}", serde_json::Value::from(key.as_str()))
+    };
+    format!("{{\n{}\n}}\n", object.iter().map(field).collect::<Vec<_>>().join(",\n"))
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_report_is_written_with_a_line_for_every_row_and_reads_back() {
+        let report = json!({"bench": "a \"b\"", "rows": [{"p": 1.5, "samples": [1, 2, 3]}, {"p": null}], "empty": []});
+        let text = report_json(&report);
+        assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), report);
+        assert_eq!(text.lines().filter(|line| line.starts_with("    {")).count(), 2, "{text}");
+    }
 }

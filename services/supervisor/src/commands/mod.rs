@@ -48,6 +48,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Bench { what: BenchCommand::Registration(args) }) => {
             bench::registration(&args, common.quiet, &registry)
         }
+        Some(Command::Bench { what: BenchCommand::Compare(args) }) => bench::compare(&args),
         Some(Command::Bench { what: BenchCommand::Pipeline(args) }) => bench::pipeline(common, &args, &registry),
         Some(Command::Bench { what: BenchCommand::Planning(args) }) => bench::planning(&args, common.quiet),
         Some(Command::Explain { dir, scan }) => {
