@@ -167,7 +167,9 @@ fn cells(rows: &[&Row]) -> Vec<Vec<String>> {
             rows.iter().flat_map(|r| of(r).keys().map(String::as_str)).collect();
         set.into_iter().collect::<Vec<_>>()
     };
-    let (params, extra) = (keys(|r| &r.params), keys(|r| &r.extra));
+    let (params, mut extra) = (keys(|r| &r.params), keys(|r| &r.extra));
+    // Lists are for programs.
+    extra.retain(|key| !rows.iter().any(|row| row.extra.get(*key).is_some_and(Value::is_array)));
     let mut head: Vec<String> = params.iter().map(ToString::to_string).collect();
     head.extend(["n", "p50", "p90", "p99", "p99.9", "max"].map(String::from));
     head.extend(extra.iter().map(ToString::to_string));

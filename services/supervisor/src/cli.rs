@@ -238,9 +238,15 @@ pub enum BenchCommand {
         /// Write the figures to this file.
         #[arg(long, value_name = "FILE")]
         json: Option<PathBuf>,
-        /// Messages per case.
+        /// Messages per case [default: 1000, fewer of large ones].
         #[arg(long, value_name = "N")]
         messages: Option<usize>,
+        /// Bytes of the payloads, multiples of 16, for example 64,6232320,64000000 [default: 64, 4096, 262144, and a scan].
+        #[arg(long, value_name = "LIST", value_delimiter = ',')]
+        payloads: Vec<usize>,
+        /// Measure on busy cores too: a thread on each of the two cores goes through memory all the time.
+        #[arg(long)]
+        loaded: bool,
         /// Pause between messages [ms].
         #[arg(long, value_name = "MS")]
         pace_ms: Option<f64>,
@@ -310,6 +316,9 @@ pub struct BenchPipelineArgs {
     /// Scans that are in the map before the first one that is measured.
     #[arg(long, value_name = "N", default_value_t = 40)]
     pub after: u32,
+    /// Write what every process did when to this file, as Chrome trace events for ui.perfetto.dev.
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
 }
 
 /// Arguments of `bench planning`.
@@ -356,16 +365,47 @@ pub struct BenchRegistrationArgs {
     /// Scans of the drive of `growth` [default: 4000].
     #[arg(long, value_name = "N")]
     pub growth_scans: Option<usize>,
-    /// Folder of the data sets, or of one pair (target.*, source.*, target_from_source.txt) [default: MIRADOR_DATA,
-    /// else ../shared/data beside the project].
+    /// A folder of scans, all pairs of which are aligned; or the folder of the known data sets, or of one pair (target.*,
+    /// source.*, target_from_source.txt) [default: MIRADOR_DATA, else ../shared/data beside the project].
     #[arg(long, value_name = "PATH")]
     pub data: Option<PathBuf>,
+    /// Of a folder of scans, what is asked of its pairs.
+    #[command(flatten)]
+    pub pairs: AllPairsArgs,
     /// Leave the peers out.
     #[arg(long)]
     pub no_peers: bool,
     /// Python in which the peers are installed [default: MIRADOR_PYTHON, else python3].
     #[arg(long, value_name = "PROGRAM")]
     pub python: Option<PathBuf>,
+}
+
+/// Arguments of `bench registration --data FOLDER` for a folder of scans.
+#[derive(Debug, Clone, Default, PartialEq, Args)]
+#[command(next_help_heading = "For a folder of scans (--data)")]
+pub struct AllPairsArgs {
+    /// True poses (TUM, KITTI), relative to the folder [default: its truth.tum, poses.tum, groundtruth.txt, poses.txt, or the
+    /// .pose files beside .3d scans].
+    #[arg(long, value_name = "FILE")]
+    pub truth: Option<PathBuf>,
+    /// Prior poses, relative to the folder, from whose motions every alignment starts [default: from the identity].
+    #[arg(long, value_name = "FILE")]
+    pub poses: Option<PathBuf>,
+    /// Write a page with tables and plots to this file.
+    #[arg(long, value_name = "FILE")]
+    pub html: Option<PathBuf>,
+    /// Scans farther apart than this make no pair [m] [default: 4].
+    #[arg(long, value_name = "M")]
+    pub max_distance: Option<f64>,
+    /// The largest translation error of a success [m] [default: 0.1].
+    #[arg(long, value_name = "M")]
+    pub success_m: Option<f64>,
+    /// The largest rotation error of a success [deg] [default: 1].
+    #[arg(long, value_name = "DEG")]
+    pub success_deg: Option<f64>,
+    /// Worker threads of every method [default: 2].
+    #[arg(long, value_name = "N")]
+    pub threads: Option<usize>,
 }
 
 /// Arguments of `experiment`.

@@ -6,8 +6,9 @@ use std::time::Duration;
 use anyhow::{Context, Result};
 use mirador_bench::BenchReport;
 use mirador_bench::compare::{self, CompareOptions};
-use mirador_bench::ipc::{self, IpcOptions};
+use mirador_bench::ipc::{self, IpcOptions, Payload};
 use mirador_bench::planning::{self, PlanningBenchError, PlanningCase, PlanningOptions};
+use mirador_bench::registration::all_pairs::AllPairsOptions;
 use mirador_bench::registration::{self, Case, RegistrationBenchError, RegistrationOptions};
 use mirador_bench::simulator::{self, SimulatorBenchError};
 use mirador_bench::stages::{self, StagesBenchError, StagesOptions};
@@ -15,17 +16,29 @@ use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
 use super::bench_pipeline;
-use crate::cli::{BenchCompareArgs, BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
+use crate::cli::{AllPairsArgs, BenchCompareArgs, BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
 use crate::{EXIT_DONE, EXIT_FAILED, Registry, UsageError};
 
 /// Latency between two processes.
-pub fn ipc(json: Option<&Path>, messages: Option<usize>, pace_ms: Option<f64>) -> Result<u8> {
+pub fn ipc(
+    json: Option<&Path>,
+    messages: Option<usize>,
+    payloads: &[usize],
+    loaded: bool,
+    pace_ms: Option<f64>,
+) -> Result<u8> {
     let own = std::env::current_exe().context("the path of this program is not known")?;
     let mut options = IpcOptions {
         peer_command: vec![own.to_string_lossy().into_owned(), "bench-peer".into(), "--".into()],
         stop: StopSignal::from_terminal()?,
         ..IpcOptions::default()
     };
+    if !payloads.is_empty() {
+        options.payloads = payloads.iter().map(|bytes| Payload::of(*bytes)).collect();
+    }
+    if loaded {
+        options.loaded = vec![false, true];
+    }
     if let Some(messages) = messages {
         for payload in &mut options.payloads {
             payload.messages = messages as u64;
@@ -36,13 +49,69 @@ pub fn ipc(json: Option<&Path>, messages: Option<usize>, pace_ms: Option<f64>) -
         options.pace =
             pace.map_err(|_| UsageError(format!("--pace-ms {ms}: give a time of 0 or more milliseconds")))?;
     }
+    options.validate().map_err(|error| UsageError(error.to_string()))?;
     let report = ipc::run(&options)?;
     keep(&report, json)?;
     Ok(EXIT_DONE)
 }
 
+/// Any methods over all pairs of a folder of scans.
+fn all_pairs(args: &BenchRegistrationArgs, data: &Path, quiet: bool, registry: &Registry) -> Result<u8> {
+    if args.repetitions.is_some() || !args.cases.is_empty() || args.growth_scans.is_some() || args.python.is_some() {
+        let message = format!(
+            "{}: of a folder of scans every pair is aligned once: --repetitions, --cases, --growth-scans and --python are for \
+             the known data sets",
+            data.display()
+        );
+        return Err(UsageError(message).into());
+    }
+    let (pairs, default) = (&args.pairs, AllPairsOptions::default());
+    let options = AllPairsOptions {
+        data: data.to_path_buf(),
+        truth: pairs.truth.clone(),
+        poses: pairs.poses.clone(),
+        methods: args.methods.clone(),
+        threads: pairs.threads.unwrap_or(default.threads),
+        max_distance_m: pairs.max_distance.unwrap_or(default.max_distance_m),
+        success_m: pairs.success_m.unwrap_or(default.success_m),
+        success_deg: pairs.success_deg.unwrap_or(default.success_deg),
+    };
+    let mut say = |line: &str| {
+        if !quiet {
+            eprintln!("{line}");
+        }
+    };
+    let result = registration::all_pairs::run(&options, registry, &mut say).map_err(usage_or_failure)?;
+    keep(&result.report, args.json.as_deref())?;
+    if let Some(path) = &pairs.html {
+        let page = registration::all_pairs::page(&result)?;
+        std::fs::write(path, page).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
+    Ok(EXIT_DONE)
+}
+
+/// What the user can mend is wrong usage.
+fn usage_or_failure(error: RegistrationBenchError) -> anyhow::Error {
+    match error {
+        RegistrationBenchError::BadOption { .. }
+        | RegistrationBenchError::Registry(_)
+        | RegistrationBenchError::Data(_)
+        | RegistrationBenchError::BadFile { .. }
+        | RegistrationBenchError::NothingMeasured { .. } => UsageError(error.to_string()).into(),
+        other => other.into(),
+    }
+}
+
 /// Speed and error of registration, beside the peers.
 pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Registry) -> Result<u8> {
+    if let Some(data) = args.data.as_deref().filter(|data| registration::all_pairs::is_data_set(data)) {
+        return all_pairs(args, data, quiet, registry);
+    }
+    if args.pairs != AllPairsArgs::default() {
+        let message = "--truth, --poses, --html, --max-distance, --success-m, --success-deg and --threads are for a folder of scans: \
+                       name it by --data";
+        return Err(UsageError(message.into()).into());
+    }
     let options = registration_options(args)?;
     let mut say = |line: &str| {
         if !quiet {
