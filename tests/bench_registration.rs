@@ -97,6 +97,76 @@ fn every_method_has_its_rows_with_time_and_error() {
     }
 }
 
+/// Four small scans of the scene `simple` on a line, 0.6 m apart, with their poses.
+fn write_data_set(stage: &Stage) {
+    let scene = CompiledScene::new(Scene::builtin("simple").unwrap()).unwrap();
+    let config = ScannerConfig { beams: 136, beam_step_deg: 2.0, sweeps: 180, ..ScannerConfig::default() };
+    let scanner = Scanner::new(config).unwrap();
+    fs::create_dir(stage.path("drive")).unwrap();
+    let mut lines = String::new();
+    for k in 0..4_u32 {
+        let place = ScanPose { x: -9.0 + 0.6 * f64::from(k), y: -10.0, yaw: 0.3 };
+        let pose = scene.level_scanner_pose(&place, 1.0).unwrap();
+        let mut points = vec![Point::EMPTY; scanner.grid().cells()];
+        scanner.scan(&scene, &pose, ScanSeed { seed: 1, scan: k.into() }, 1, &mut points, None).unwrap();
+        let returns = points.iter().filter(|p| p.is_return()).flat_map(|p| [p.x, p.y, p.z]);
+        let bytes: Vec<u8> = returns.flat_map(f32::to_le_bytes).collect();
+        fs::write(stage.path(&format!("drive/scan{k}.xyz32.bin")), bytes).unwrap();
+        let (t, q) = (pose.translation, pose.rotation.coords);
+        lines += &format!("{k} {} {} {} {} {} {} {}\n", t.x, t.y, t.z, q.x, q.y, q.z, q.w);
+    }
+    fs::write(stage.path("drive/poses.tum"), lines).unwrap();
+}
+
+#[test]
+fn all_pairs_of_a_folder_of_scans_are_compared_in_table_file_and_page() {
+    let stage = Stage::new();
+    write_data_set(&stage);
+    let methods = ["point_to_plane", "gicp"];
+    let arguments = ["bench", "registration", "--data", "drive", "--methods", "point_to_plane,gicp"];
+    let more = ["--max-distance", "1.5", "--json", "r.json", "--html", "r.html"];
+    let finished = stage.run_well(&[&arguments[..], &more].concat());
+    assert!(finished.stderr.contains("4 scans, 5 pairs"), "0.6 and 1.2 m apart: {}", finished.stderr);
+    let report: Value = serde_json::from_str(&fs::read_to_string(stage.path("r.json")).unwrap()).unwrap();
+    let rows = report["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), methods.len());
+    for (row, method) in rows.iter().zip(methods) {
+        assert_eq!(
+            (&row["name"], &row["params"]["method"], &row["n"]),
+            (&"all_pairs".into(), &method.into(), &5.into())
+        );
+        // Planes hold on uneven ground beside a house.
+        assert!(row["success_rate"].as_f64().unwrap() >= 0.8, "{row}");
+        let each = row["each"].as_array().unwrap();
+        assert!(each.len() == 5 && each.iter().all(|a| a["source"].as_u64() > a["target"].as_u64()), "{row}");
+        assert!(finished.stdout.contains(method) && !finished.stdout.contains("each"), "{}", finished.stdout);
+    }
+    let page = fs::read_to_string(stage.path("r.html")).unwrap();
+    assert_eq!(page.matches("<svg").count(), 4, "four plots");
+    assert!(methods.iter().all(|method| page.contains(method)) && !page.contains("NaN"));
+}
+
+#[test]
+fn a_folder_of_scans_without_truth_or_near_pairs_says_what_would_help() {
+    let stage = Stage::new();
+    write_data_set(&stage);
+    let refused = |option: &[&str]| {
+        let finished =
+            stage.run(&[&["bench", "registration", "--data", "drive", "--methods", "gicp"], option].concat());
+        assert_eq!(finished.status.code(), Some(2), "{option:?}: {}", finished.stderr);
+        finished.stderr
+    };
+    assert!(refused(&["--max-distance", "0.1"]).contains("--max-distance"));
+    assert!(refused(&["--truth", "nowhere.tum"]).contains("nowhere.tum"));
+    assert!(refused(&["--success-m", "0"]).contains("success-m"));
+    assert!(refused(&["--repetitions", "3"]).contains("--repetitions"));
+    fs::write(stage.path("drive/short.tum"), "0 0 0 0 0 0 0 1\n").unwrap();
+    assert!(refused(&["--truth", "short.tum"]).contains("1 poses for 4 scans"));
+    fs::remove_file(stage.path("drive/poses.tum")).unwrap();
+    let without = refused(&[]);
+    assert!(without.contains("truth") && without.contains("poses.tum"), "{without}");
+}
+
 #[test]
 fn a_python_without_peers_leaves_them_out_and_says_so() {
     let stage = Stage::new();

@@ -4,6 +4,7 @@
 //! and as JSON with stable names. A figure in a report is either measured in that run or marked as literature, never
 //! a mixture.
 
+pub mod compare;
 pub mod experiment;
 pub mod exploration;
 pub mod ipc;

@@ -20,7 +20,7 @@ pub enum Provenance {
 
 /// Percentiles of one quantity, as exact order statistics (nearest rank): the p-th percentile is the smallest sample
 /// that at least p % of the samples do not exceed.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Summary {
     /// Number of samples.
     pub n: usize,
@@ -30,11 +30,28 @@ pub struct Summary {
     pub p90: f64,
     /// 99th percentile.
     pub p99: f64,
+    /// 99.9th percentile; none in files from before it was kept, and in literature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub p99_9: Option<f64>,
     /// Largest sample.
     pub max: f64,
+    /// The samples themselves in the order in which they were measured, to six digits; of more than
+    /// [`Summary::KEPT`] every second, third, ... one. Empty where there are none: in literature and in ratios of
+    /// percentiles.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub samples: Vec<f64>,
 }
 
 impl Summary {
+    /// The largest number of samples that is kept.
+    pub const KEPT: usize = 1000;
+
+    /// A single figure, as publications give it.
+    #[must_use]
+    pub fn single(value: f64) -> Self {
+        Self { n: 1, p50: value, p90: value, p99: value, p99_9: None, max: value, samples: Vec::new() }
+    }
+
     /// The percentiles of durations in ns, in us; none without samples.
     #[must_use]
     pub fn of_ns_in_us(samples: &[u64]) -> Option<Self> {
@@ -47,11 +64,20 @@ impl Summary {
     pub fn of(samples: &[f64]) -> Option<Self> {
         let mut sorted = samples.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
-        let rank = |percent: usize| {
-            let position = (sorted.len() * percent).div_ceil(100).saturating_sub(1);
+        let rank = |permille: usize| {
+            let position = (sorted.len() * permille).div_ceil(1000).saturating_sub(1);
             sorted.get(position).copied()
         };
-        Some(Self { n: sorted.len(), p50: rank(50)?, p90: rank(90)?, p99: rank(99)?, max: rank(100)? })
+        let every = samples.len().div_ceil(Self::KEPT).max(1);
+        Some(Self {
+            n: sorted.len(),
+            p50: rank(500)?,
+            p90: rank(900)?,
+            p99: rank(990)?,
+            p99_9: rank(999),
+            max: rank(1000)?,
+            samples: samples.iter().step_by(every).copied().map(six_digits).collect(),
+        })
     }
 
     /// This over `other`, percentile by percentile. `n` is the smaller of the two.
@@ -62,9 +88,16 @@ impl Summary {
             p50: self.p50 / other.p50,
             p90: self.p90 / other.p90,
             p99: self.p99 / other.p99,
+            p99_9: self.p99_9.zip(other.p99_9).map(|(a, b)| a / b),
             max: self.max / other.max,
+            samples: Vec::new(),
         }
     }
+}
+
+/// The value to six digits: more would be the clock's noise, and would make the files twice as long.
+fn six_digits(value: f64) -> f64 {
+    format!("{value:.5e}").parse().unwrap_or(value)
 }
 
 /// One line of a report.
@@ -134,9 +167,11 @@ fn cells(rows: &[&Row]) -> Vec<Vec<String>> {
             rows.iter().flat_map(|r| of(r).keys().map(String::as_str)).collect();
         set.into_iter().collect::<Vec<_>>()
     };
-    let (params, extra) = (keys(|r| &r.params), keys(|r| &r.extra));
+    let (params, mut extra) = (keys(|r| &r.params), keys(|r| &r.extra));
+    // Lists are for programs.
+    extra.retain(|key| !rows.iter().any(|row| row.extra.get(*key).is_some_and(Value::is_array)));
     let mut head: Vec<String> = params.iter().map(ToString::to_string).collect();
-    head.extend(["n", "p50", "p90", "p99", "max"].map(String::from));
+    head.extend(["n", "p50", "p90", "p99", "p99.9", "max"].map(String::from));
     head.extend(extra.iter().map(ToString::to_string));
     let literature = rows.iter().any(|row| row.provenance == Provenance::Literature);
     if literature {
@@ -147,7 +182,9 @@ fn cells(rows: &[&Row]) -> Vec<Vec<String>> {
         let s = &row.summary;
         let mut line: Vec<String> = params.iter().map(|key| text(row.params.get(*key))).collect();
         line.push(s.n.to_string());
-        line.extend([s.p50, s.p90, s.p99, s.max].map(number));
+        line.extend([s.p50, s.p90, s.p99].map(number));
+        line.push(s.p99_9.map_or_else(|| "-".into(), number));
+        line.push(number(s.max));
         line.extend(extra.iter().map(|key| text(row.extra.get(*key))));
         if literature {
             line.push(format!("{:?}", row.provenance).to_lowercase());
@@ -204,7 +241,7 @@ mod tests {
             name: "hop".into(),
             params: BTreeMap::from([("transport".into(), json!(transport)), ("payload_bytes".into(), json!(64))]),
             unit: "us".into(),
-            summary: Summary { n: 10, p50, p90: 2.0, p99: 3.0, max: 1234.5 },
+            summary: Summary { n: 10, p50, p90: 2.0, p99: 3.0, p99_9: Some(4.0), max: 1234.5, samples: vec![p50, 2.0] },
             provenance: Provenance::Measured,
             extra: BTreeMap::new(),
         };
@@ -220,6 +257,24 @@ mod tests {
         let one = Summary::of_ns_in_us(&[7000]).unwrap();
         assert_eq!((one.p50, one.p99, one.max), (7.0, 7.0, 7.0));
         assert_eq!(Summary::of_ns_in_us(&[]), None);
+    }
+
+    #[test]
+    fn samples_are_kept_in_their_order_and_thinned_evenly() {
+        let few = Summary::of(&[3.0, 1.0, 2.000_000_4]).unwrap();
+        assert_eq!(few.samples, [3.0, 1.0, 2.0]);
+        let many: Vec<f64> = (0..2500).map(f64::from).collect();
+        let kept = Summary::of(&many).unwrap();
+        assert_eq!((kept.n, kept.samples.len(), kept.p99_9), (2500, 834, Some(2497.0)));
+        assert_eq!(kept.samples[..3], [0.0, 3.0, 6.0]);
+    }
+
+    #[test]
+    fn a_row_from_before_samples_were_kept_is_read() {
+        let old = json!({"name": "hop", "params": {}, "unit": "us", "n": 3, "p50": 1.0, "p90": 2.0, "p99": 2.0,
+                         "max": 2.0, "provenance": "measured"});
+        let row: Row = serde_json::from_value(old).unwrap();
+        assert!(row.summary.samples.is_empty() && row.summary.p99_9.is_none() && row.extra.is_empty());
     }
 
     #[test]
@@ -242,7 +297,8 @@ mod tests {
         assert_eq!(
             value["rows"][0],
             json!({"name": "hop", "params": {"transport": "mirador", "payload_bytes": 64}, "unit": "us", "n": 10,
-                   "p50": 1.5, "p90": 2.0, "p99": 3.0, "max": 1234.5, "provenance": "measured"})
+                   "p50": 1.5, "p90": 2.0, "p99": 3.0, "p99_9": 4.0, "max": 1234.5, "samples": [1.5, 2.0],
+                   "provenance": "measured"})
         );
     }
 
@@ -272,7 +328,7 @@ mod tests {
         assert_eq!(lines[3].split_whitespace().collect::<Vec<_>>()[..3], ["payload_bytes", "transport", "n"]);
         assert_eq!(
             lines[4].split_whitespace().collect::<Vec<_>>(),
-            ["64", "mirador", "10", "1.50", "2.00", "3.00", "1234"]
+            ["64", "mirador", "10", "1.50", "2.00", "3.00", "4.00", "1234"]
         );
     }
 }

@@ -238,7 +238,7 @@ fn literature(name: &str, size: &str, ms: f64) -> Row {
         name: name.to_owned(),
         params: BTreeMap::from([("source".to_owned(), json!(size))]),
         unit: "ms".into(),
-        summary: Summary { n: 1, p50: ms, p90: ms, p99: ms, max: ms },
+        summary: Summary::single(ms),
         provenance: Provenance::Literature,
         extra: BTreeMap::new(),
     }

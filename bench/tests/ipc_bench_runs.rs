@@ -17,6 +17,7 @@ fn options(name: &str) -> IpcOptions {
     IpcOptions {
         payloads: [SMALL, LARGE].map(|bytes| Payload { bytes, messages: MESSAGES, written_before: 0 }).to_vec(),
         wakes: vec![Wake::Event, Wake::Poll],
+        loaded: vec![false],
         copies: true,
         pace: Duration::from_micros(300),
         warm_up: 30,
@@ -61,7 +62,7 @@ fn every_case_has_its_rows_and_no_message_is_lost() {
                 let rows = report.find(name, &params);
                 assert_eq!(rows.len(), 1, "{name} {transport} {wake} {bytes}");
                 let row = rows[0];
-                let s = row.summary;
+                let s = &row.summary;
                 // A message that was lost or came out of turn would have ended the run.
                 assert_eq!(s.n as u64, MESSAGES);
                 assert_eq!(row.unit, "us");
@@ -79,7 +80,15 @@ fn every_case_has_its_rows_and_no_message_is_lost() {
             assert_eq!(ratio, hop("mirador") / hop("iceoryx2"));
         }
     }
-    assert_eq!(report.rows.len(), 2 * (3 * expected.len() + 2));
+    // Waking up with events only, transport always, both in place only.
+    for name in ["wake_up", "transport"] {
+        for transport in ["mirador", "iceoryx2"] {
+            let rows = report.find(name, &[("transport", json!(transport)), ("wake", json!("event"))]);
+            assert!(rows.len() == 2 && rows.iter().all(|row| row.summary.n as u64 == MESSAGES), "{name} {transport}");
+        }
+    }
+    assert!(report.find("wake_up", &[("wake", json!("poll"))]).is_empty());
+    assert_eq!(report.rows.len(), 2 * (3 * expected.len() + 2 + 2 + 4));
     assert!(report.machine.cores >= 1);
 }
 

@@ -24,7 +24,7 @@ pub mod topics;
 pub use domain::{CleanupReport, Domain, DomainError};
 pub use messages::{Envelope, Header, ScanId};
 pub use port::{
-    Bell, Counter, Counters, JoinError, Loan, LoanError, Participant, Peer, PortError, PublishError, Publisher,
+    Bell, Counter, Counters, JoinError, Loan, LoanError, Participant, Pause, Peer, PortError, PublishError, Publisher,
     ReceiveFailure, Received, SegmentLocation, SendFailure, StopSignal, Subscriber, Waiter, Wake, Wakeable,
 };
 pub use topics::{Rules, Sizes, Topic};

@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 use rustix::time::{ClockId, clock_gettime};
 
 use crate::domain::Domain;
-use crate::messages::{Envelope, Header, SERVICE_FAILED, SERVICE_RUNNING, SERVICE_STARTING, ServiceHealth};
+use crate::messages::{
+    Envelope, Header, MAX_WORK_SPANS, SERVICE_FAILED, SERVICE_RUNNING, SERVICE_STARTING, ServiceHealth, WorkSpan,
+};
 use crate::port::{JoinError, Participant, PortError, PublishError, Publisher, StopSignal, Wake};
 use crate::text;
 use crate::topics::{self, Sizes};
@@ -104,6 +106,9 @@ pub struct HealthReporter {
     finished_scans: u32,
     last_work: Duration,
     message: [u8; 200],
+    /// Work that was not told of yet.
+    spans: [WorkSpan; MAX_WORK_SPANS],
+    span_count: u32,
     last_report: Instant,
 }
 
@@ -121,6 +126,8 @@ impl HealthReporter {
             finished_scans: 0,
             last_work: Duration::ZERO,
             message: [0; 200],
+            spans: Default::default(),
+            span_count: 0,
             last_report: Instant::now(),
         };
         reporter.report(participant);
@@ -133,11 +140,20 @@ impl HealthReporter {
         self.report(participant);
     }
 
-    /// Every scan of the run below `count` is done: the acknowledgement of lockstep.
+    /// Every scan of the run below `count` is done: the acknowledgement of lockstep. Tells of the work since the last one.
     pub fn finished(&mut self, participant: &Participant, count: u32, work: Duration) {
         self.finished_scans = count;
         self.last_work = work;
-        self.report(participant);
+        self.report_with_work(participant, self.span_count);
+        self.span_count = 0;
+    }
+
+    /// Notes a piece of work, to be told with the next finished scan. What is too much for one report is left out.
+    pub fn worked(&mut self, span: WorkSpan) {
+        if let Some(place) = self.spans.get_mut(self.span_count as usize) {
+            *place = span;
+            self.span_count += 1;
+        }
     }
 
     /// Number of scans finished.
@@ -166,6 +182,10 @@ impl HealthReporter {
     }
 
     fn report(&mut self, participant: &Participant) {
+        self.report_with_work(participant, 0);
+    }
+
+    fn report_with_work(&mut self, participant: &Participant, span_count: u32) {
         self.last_report = Instant::now();
         let counters = participant.counters();
         let usage = Usage::now();
@@ -174,7 +194,7 @@ impl HealthReporter {
             pid: std::process::id(),
             state: self.state,
             finished_scans: self.finished_scans,
-            reserved: 0,
+            span_count,
             resident_bytes: usage.resident_bytes,
             cpu_ns: usage.cpu_ns,
             copied_payload_bytes: counters.copied_payload_bytes.get(),
@@ -184,9 +204,11 @@ impl HealthReporter {
             received_messages: counters.received.get(),
             last_work_ns: u64::try_from(self.last_work.as_nanos()).unwrap_or(u64::MAX),
             minor_faults: usage.minor_faults,
+            major_faults: usage.major_faults,
             voluntary_switches: usage.voluntary_switches,
             involuntary_switches: usage.involuntary_switches,
             message: self.message,
+            spans: self.spans,
         };
         let meta = Envelope { header: Header::new(u64::from(self.finished_scans), 0) };
         match self.publisher.send_one(meta, health) {
@@ -204,6 +226,7 @@ struct Usage {
     resident_bytes: u64,
     cpu_ns: u64,
     minor_faults: u64,
+    major_faults: u64,
     voluntary_switches: u64,
     involuntary_switches: u64,
 }
@@ -226,9 +249,11 @@ impl Usage {
             }
         }
         if let Ok(stat) = std::fs::read_to_string("/proc/self/stat") {
-            // Field 10 of proc(5); the name in field 2 may hold spaces, so count behind its closing bracket.
+            // Fields 10 and 12 of proc(5); the name in field 2 may hold spaces, so count behind its closing bracket.
             let behind_name = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-            usage.minor_faults = behind_name.split_ascii_whitespace().nth(7).and_then(|n| n.parse().ok()).unwrap_or(0);
+            let field =
+                |n: usize| behind_name.split_ascii_whitespace().nth(n).and_then(|n| n.parse().ok()).unwrap_or(0);
+            (usage.minor_faults, usage.major_faults) = (field(7), field(9));
         }
         usage
     }

@@ -1015,11 +1015,36 @@ class RobotState(Record):
     ]
 
 
+class WorkSpan(Record):
+    """A piece of work on a scan: what it waited for and how long it took, all times CLOCK_MONOTONIC [ns]."""
+
+    TYPE_NAME = "mirador/WorkSpan/1"
+    SIZE = 64
+    _fields_ = [
+        # What was done, for example `surface`.
+        ("stage", ctypes.c_uint8 * 16),
+        # The scan.
+        ("scan", ctypes.c_uint32),
+        # The thread: 0 the main one, 1 that which takes scans in.
+        ("thread", ctypes.c_uint32),
+        # When the last of what it needs was sent or made; 0 when it needs nothing.
+        ("input_ns", ctypes.c_uint64),
+        # Since when the thread slept before it.
+        ("asleep_ns", ctypes.c_uint64),
+        # When that sleep ended.
+        ("woke_ns", ctypes.c_uint64),
+        # When the work began.
+        ("began_ns", ctypes.c_uint64),
+        # When it was done, its result sent.
+        ("ended_ns", ctypes.c_uint64),
+    ]
+
+
 class ServiceHealth(Record):
     """Health and progress of one service; also its acknowledgement in lockstep."""
 
-    TYPE_NAME = "mirador/ServiceHealth/1"
-    SIZE = 336
+    TYPE_NAME = "mirador/ServiceHealth/2"
+    SIZE = 856
     _fields_ = [
         # Name of the service.
         ("service", ctypes.c_uint8 * 32),
@@ -1029,8 +1054,8 @@ class ServiceHealth(Record):
         ("state", ctypes.c_uint32),
         # Number of scans finished, counted from the first of the run: every scan below it is done.
         ("finished_scans", ctypes.c_uint32),
-        # Not used.
-        ("reserved", ctypes.c_uint32),
+        # How many of `spans` are told.
+        ("span_count", ctypes.c_uint32),
         # Resident memory [bytes].
         ("resident_bytes", ctypes.c_uint64),
         # CPU time of the process [ns].
@@ -1049,12 +1074,16 @@ class ServiceHealth(Record):
         ("last_work_ns", ctypes.c_uint64),
         # Page faults that needed no disk.
         ("minor_faults", ctypes.c_uint64),
+        # Page faults that had to wait for a disk.
+        ("major_faults", ctypes.c_uint64),
         # Times the service gave up the processor to wait.
         ("voluntary_switches", ctypes.c_uint64),
         # Times the processor was taken from it.
         ("involuntary_switches", ctypes.c_uint64),
         # What it is doing, or why it failed.
         ("message", ctypes.c_uint8 * 200),
+        # Its work since the last scan it reported as finished; told once, with that of the next.
+        ("spans", WorkSpan * 8),
     ]
 
 
@@ -1090,7 +1119,7 @@ TOPICS = {
         Topic("motion_command", Envelope, MotionCommand, "c5afa13805077eec", "drop", 1),
         Topic("navigation_status", Envelope, NavigationStatus, "4159a62cb7c7ce6b", "drop", 1),
         Topic("robot_state", Envelope, RobotState, "3ccceb3749f1ab60", "drop", 1),
-        Topic("service_health", Envelope, ServiceHealth, "20bff24b2a7a98da", "supersede", 1),
+        Topic("service_health", Envelope, ServiceHealth, "1a7cbb70588c7fe6", "supersede", 1),
     ]
 }
 
@@ -1179,3 +1208,5 @@ SERVICE_RUNNING = 1
 SERVICE_STOPPING = 2
 # It cannot go on; `message` says why.
 SERVICE_FAILED = 3
+# The most pieces of work that one report tells of.
+MAX_WORK_SPANS = 8

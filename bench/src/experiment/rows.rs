@@ -145,7 +145,7 @@ fn literature(group: &Group) -> Vec<Row> {
         name: name.into(),
         params: params(group),
         unit: unit.into(),
-        summary: Summary { n: 1, p50: value, p90: value, p99: value, max: value },
+        summary: Summary::single(value),
         provenance: Provenance::Literature,
         extra: BTreeMap::from([("source".to_owned(), json!(SOURCE))]),
     };

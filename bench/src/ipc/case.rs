@@ -27,6 +27,19 @@ pub struct Payload {
     pub written_before: usize,
 }
 
+impl Payload {
+    /// So many bytes, sent so often that the run does not take for ever.
+    #[must_use]
+    pub fn of(bytes: usize) -> Self {
+        let messages = match bytes {
+            0..1_000_000 => 1000,
+            1_000_000..20_000_000 => 300,
+            _ => 100,
+        };
+        Self { bytes, messages, written_before: 0 }
+    }
+}
+
 /// Options of the message benchmark.
 #[derive(Debug, Clone)]
 pub struct IpcOptions {
@@ -34,6 +47,8 @@ pub struct IpcOptions {
     pub payloads: Vec<Payload>,
     /// How the subscriber waits; each is a case of its own.
     pub wakes: Vec<Wake>,
+    /// Whether every core has something else to do; each is a case of its own.
+    pub loaded: Vec<bool>,
     /// Whether the transports that copy are measured too.
     pub copies: bool,
     /// From one message to the next.
@@ -52,11 +67,14 @@ impl Default for IpcOptions {
     fn default() -> Self {
         Self {
             payloads: vec![
-                Payload { bytes: 64, messages: 1000, written_before: 0 },
-                Payload { bytes: FULL_SCAN, messages: 300, written_before: 0 },
+                Payload::of(64),
+                Payload::of(4096),
+                Payload::of(256 << 10),
+                Payload::of(FULL_SCAN),
                 Payload { bytes: 64, messages: 300, written_before: FULL_SCAN },
             ],
             wakes: vec![Wake::Event, Wake::Poll],
+            loaded: vec![false],
             copies: true,
             pace: Duration::from_millis(5),
             // More than a publisher of `scan` has slots, so that every slot has been used once.
@@ -89,6 +107,9 @@ impl IpcOptions {
         }
         if self.wakes.is_empty() {
             return bad("wakes", "name event, poll or both");
+        }
+        if self.loaded.is_empty() {
+            return bad("loaded", "name false, true or both");
         }
         if self.pace > Duration::from_secs(1) {
             return bad("pace", "must be 0 to 1 s");
@@ -161,6 +182,8 @@ pub(super) struct Case {
     pub domain: String,
     /// The transports that take turns.
     pub pair: Pair,
+    /// Whether every core has something else to do.
+    pub loaded: bool,
     /// Whether the subscriber polls.
     pub poll: bool,
     /// Points of a payload.
@@ -203,6 +226,7 @@ mod tests {
         Case {
             domain,
             pair: IN_PLACE,
+            loaded: false,
             poll: true,
             points: 4,
             written_before: 0,

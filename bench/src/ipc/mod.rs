@@ -15,6 +15,8 @@
 //!
 //! - `hop`: the latency;
 //! - `hop_ratio`: mirador over iceoryx2, percentile by percentile (p50 is the one that counts);
+//! - `wake_up`, `transport`: the hop in two parts, in place: until a sleeping subscriber is awake, and the rest. Polling
+//!   there is no waking up, and the transport is the hop;
 //! - `payload_write`: writing the payload, which is not part of the hop: in the loaned slot for the first two, in a
 //!   buffer of the process for the others;
 //! - `send_call`: how long the publisher is busy with sending, the wake-up of the subscriber included.
@@ -22,6 +24,7 @@
 mod bare;
 mod case;
 mod error;
+mod load;
 mod payload;
 mod peer;
 mod peer_process;

@@ -21,8 +21,17 @@ use super::{BenchError, Transport, pin};
 pub(super) enum Report {
     /// Its ports are open.
     Ready,
-    /// Latencies of each transport of the pair [ns], in the order of the rounds, without the warm-up.
-    Latencies([Vec<u64>; 2]),
+    /// Latencies of each transport of the pair, in the order of the rounds, without the warm-up.
+    Latencies([Series; 2]),
+}
+
+/// What the subscriber saw of one transport [ns].
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub(super) struct Series {
+    /// From the stamp to holding the message.
+    pub latency: Vec<u64>,
+    /// Of that, until the sleeping subscriber was awake; empty where it does not sleep.
+    pub wake_up: Vec<u64>,
 }
 
 /// Begins the lines that are meant for the first process, so that a program may print other things too.
@@ -61,14 +70,17 @@ pub fn peer_main(arguments: impl IntoIterator<Item = String>) -> Result<(), Benc
     }
     let mut receivers = [open(&case, case.pair[0])?, open(&case, case.pair[1])?];
     say(&Report::Ready)?;
-    let mut latencies = [Vec::new(), Vec::new()];
+    let mut latencies = [Series::default(), Series::default()];
     for series in &mut latencies {
-        series.reserve_exact(usize::try_from(case.rounds).unwrap_or(0));
+        let rounds = usize::try_from(case.rounds).unwrap_or(0);
+        series.latency.reserve_exact(rounds);
+        series.wake_up.reserve_exact(rounds);
     }
     for (round, place) in case.turns() {
-        let latency = receivers[place].receive(round)?;
+        let heard = receivers[place].receive(round)?;
         if round >= case.warm_up {
-            latencies[place].push(latency);
+            latencies[place].latency.push(heard.latency);
+            latencies[place].wake_up.extend(heard.wake_up);
         }
     }
     say(&Report::Latencies(latencies))
@@ -109,7 +121,7 @@ fn open_mirador(domain: Domain, points: usize, wake: Wake) -> Result<ReceiveMira
     let sizes = Sizes { scan_points: points };
     let participant = Participant::join(domain, "bench-subscriber", 0, sizes, wake, StopSignal::default())?;
     let subscriber = participant.subscriber()?;
-    Ok(ReceiveMirador { participant, subscriber, points })
+    Ok(ReceiveMirador { participant, wake, subscriber, points })
 }
 
 #[cfg(test)]
@@ -118,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_report_is_found_among_other_lines() {
-        let report = Report::Latencies([vec![1, 2], vec![3]]);
+        let report = Report::Latencies([Series { latency: vec![1, 2], wake_up: vec![1] }, Series::default()]);
         assert_eq!(Report::parse(&report.line().unwrap()), Some(report));
         assert_eq!(Report::parse("running 1 test"), None);
         assert_eq!(Report::parse("mirador-bench-peer {\"other\":1}"), None);

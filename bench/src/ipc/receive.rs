@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use mirador_ipc_schema::clock::monotonic_ns;
 use mirador_ipc_schema::messages::Point;
 use mirador_ipc_schema::topics::Scan;
-use mirador_ipc_schema::{Header, Participant, Subscriber};
+use mirador_ipc_schema::{Header, Participant, Subscriber, Wake};
 
 use super::bare::{BareListener, BareSubscriber};
 use super::payload::{HEAD, head, is_intact};
@@ -17,27 +17,46 @@ const LOST_AFTER: Duration = Duration::from_secs(10);
 
 /// The receiving end of a transport.
 pub(super) trait Receive {
-    /// Waits for message `sequence`; its latency [ns].
-    fn receive(&mut self, sequence: u64) -> Result<u64, BenchError>;
+    /// Waits for message `sequence`.
+    fn receive(&mut self, sequence: u64) -> Result<Heard, BenchError>;
+}
+
+/// Times of one message [ns].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Heard {
+    /// From the stamp to holding it.
+    pub latency: u64,
+    /// Of that, until the subscriber was awake; none where it does not sleep.
+    pub wake_up: Option<u64>,
+}
+
+impl Heard {
+    /// A message stamped at `sent`, held at `now`, for which a subscriber that sleeps was awake at `woke`. One that was
+    /// there before the subscriber had fallen asleep needed no waking.
+    fn of(sent: u64, now: u64, woke: Option<u64>) -> Self {
+        let latency = now.saturating_sub(sent);
+        Self { latency, wake_up: woke.map(|woke| woke.saturating_sub(sent).min(latency)) }
+    }
 }
 
 /// The latency of a message received `now`, if it is the one that was expected and intact. Looking at it comes behind
 /// taking the time.
-fn latency(
+fn heard(
     transport: Transport,
     expected: u64,
     points: usize,
     now: u64,
     header: &Header,
     items: &[Point],
-) -> Result<u64, BenchError> {
+    woke: Option<u64>,
+) -> Result<Heard, BenchError> {
     if header.sequence != expected {
         return Err(BenchError::Lost { transport, expected, found: format!("message {} came", header.sequence) });
     }
     if !is_intact(items, expected, points) {
         return Err(BenchError::Lost { transport, expected, found: "its points are not its own".into() });
     }
-    Ok(now.saturating_sub(header.sent_ns))
+    Ok(Heard::of(header.sent_ns, now, woke))
 }
 
 fn nothing(transport: Transport, expected: u64) -> BenchError {
@@ -47,17 +66,31 @@ fn nothing(transport: Transport, expected: u64) -> BenchError {
 /// Our handle: the call for a reader of one topic.
 pub(super) struct ReceiveMirador {
     pub participant: Participant,
+    pub wake: Wake,
     pub subscriber: Subscriber<Scan>,
     pub points: usize,
 }
 
 impl Receive for ReceiveMirador {
-    fn receive(&mut self, sequence: u64) -> Result<u64, BenchError> {
-        let Some(message) = self.subscriber.receive_within(&self.participant, LOST_AFTER)? else {
-            return Err(nothing(Transport::Mirador, sequence));
-        };
-        let now = monotonic_ns();
-        latency(Transport::Mirador, sequence, self.points, now, message.header(), message.items())
+    fn receive(&mut self, sequence: u64) -> Result<Heard, BenchError> {
+        if self.wake == Wake::Poll {
+            let Some(message) = self.subscriber.receive_within(&self.participant, LOST_AFTER)? else {
+                return Err(nothing(Transport::Mirador, sequence));
+            };
+            let now = monotonic_ns();
+            return heard(Transport::Mirador, sequence, self.points, now, message.header(), message.items(), None);
+        }
+        let (begin, mut woke) = (Instant::now(), 0);
+        loop {
+            if let Some(message) = self.subscriber.receive()? {
+                let (now, items) = (monotonic_ns(), message.items());
+                return heard(Transport::Mirador, sequence, self.points, now, message.header(), items, Some(woke));
+            }
+            if begin.elapsed() > LOST_AFTER {
+                return Err(nothing(Transport::Mirador, sequence));
+            }
+            woke = self.participant.wait(&[&self.subscriber], LOST_AFTER).woke_ns;
+        }
     }
 }
 
@@ -69,17 +102,19 @@ pub(super) struct ReceiveIceoryx2 {
 }
 
 impl Receive for ReceiveIceoryx2 {
-    fn receive(&mut self, sequence: u64) -> Result<u64, BenchError> {
+    fn receive(&mut self, sequence: u64) -> Result<Heard, BenchError> {
         let begin = Instant::now();
+        let mut woke = self.listener.as_ref().map(|_| 0);
         loop {
             if let Some(sample) = self.subscriber.receive().map_err(BenchError::iceoryx("receive"))? {
                 let now = monotonic_ns();
                 let header = &sample.user_header().header;
-                return latency(Transport::Iceoryx2, sequence, self.points, now, header, sample.payload());
+                return heard(Transport::Iceoryx2, sequence, self.points, now, header, sample.payload(), woke);
             }
             match &self.listener {
                 Some(listener) => {
                     listener.timed_wait(|_| {}, LOST_AFTER).map_err(BenchError::iceoryx("wait for an event"))?;
+                    woke = Some(monotonic_ns());
                 }
                 None => std::hint::spin_loop(),
             }
@@ -98,12 +133,13 @@ pub(super) struct ReceiveBytes<R: Read> {
 }
 
 impl<R: Read> Receive for ReceiveBytes<R> {
-    fn receive(&mut self, sequence: u64) -> Result<u64, BenchError> {
+    fn receive(&mut self, sequence: u64) -> Result<Heard, BenchError> {
         self.stream.read_exact(&mut self.buffer).map_err(BenchError::io("read from the first process"))?;
         let now = monotonic_ns();
         let found = head(&self.buffer);
         match found {
-            Some((stamp, number)) if number == sequence => Ok(now.saturating_sub(stamp)),
+            // Waking up and copying go hand in hand: nobody can tell them apart from outside.
+            Some((stamp, number)) if number == sequence => Ok(Heard::of(stamp, now, None)),
             _ => Err(BenchError::Lost {
                 transport: self.transport,
                 expected: sequence,

@@ -11,8 +11,9 @@ use serde_json::{Value, json};
 
 use super::bare::BareNode;
 use super::case::{COPIED, Case, IN_PLACE, ITEM_BYTES, Pair};
+use super::load::Load;
 use super::payload::{fill, point};
-use super::peer::{Report, socket_path};
+use super::peer::{Report, Series, socket_path};
 use super::peer_process::PeerProcess;
 use super::send::{Send, SendBytes, SendIceoryx2, SendMirador};
 use super::{BenchError, IpcOptions, Payload, Transport, pin};
@@ -66,9 +67,12 @@ fn run_cases(options: &IpcOptions, domain: &Domain) -> Result<Vec<Row>, BenchErr
     } else {
         tracing::warn!("one core only: every hop includes a switch between the two processes");
     }
+    let busy_cores: Vec<usize> = cores.map_or_else(|| vec![0], |(a, b)| vec![a, b]);
     let mut rows = Rows::default();
-    for payload in &options.payloads {
+    for (payload, loaded) in options.payloads.iter().flat_map(|p| options.loaded.iter().map(move |l| (p, *l))) {
+        let _load = loaded.then(|| Load::start(&busy_cores));
         let case = |pair: Pair, wake: Wake| Case {
+            loaded,
             domain: domain.name().into(),
             pair,
             poll: wake == Wake::Poll,
@@ -104,7 +108,7 @@ fn check_space(payload: &Payload) -> Result<(), BenchError> {
 /// What one case found [ns], for each transport of its pair.
 struct Measured {
     case: Case,
-    latency: [Vec<u64>; 2],
+    latency: [Series; 2],
     write: [Vec<u64>; 2],
     send: [Vec<u64>; 2],
 }
@@ -140,8 +144,8 @@ fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measure
     peer.finish()?;
     let counted = case.rounds - case.warm_up;
     for (transport, series) in case.pair.into_iter().zip(&latency) {
-        if series.len() as u64 != counted {
-            let found = format!("{} of {counted} messages were reported", series.len());
+        if series.latency.len() as u64 != counted {
+            let found = format!("{} of {counted} messages were reported", series.latency.len());
             return Err(BenchError::Lost { transport, expected: counted, found });
         }
     }
@@ -213,6 +217,8 @@ impl Pace {
 struct Rows {
     hop: Vec<Row>,
     ratio: Vec<Row>,
+    wake_up: Vec<Row>,
+    transport: Vec<Row>,
     write: Vec<Row>,
     send: Vec<Row>,
 }
@@ -220,10 +226,17 @@ struct Rows {
 impl Rows {
     fn add(&mut self, measured: &Measured) {
         let case = &measured.case;
-        let hops = measured.latency.each_ref().map(|series| Summary::of_ns_in_us(series));
+        let hops = measured.latency.each_ref().map(|series| Summary::of_ns_in_us(&series.latency));
         for (place, transport) in case.pair.into_iter().enumerate() {
             let transport = Some(transport);
-            self.hop.extend(hops[place].map(|s| row("hop", "us", case, transport, s)));
+            self.hop.extend(hops[place].clone().map(|s| row("hop", "us", case, transport, s)));
+            if case.pair == IN_PLACE {
+                let series = &measured.latency[place];
+                let slept = Summary::of_ns_in_us(&series.wake_up);
+                self.wake_up.extend(slept.map(|s| row("wake_up", "us", case, transport, s)));
+                let transfer = Summary::of_ns_in_us(&transfer(series));
+                self.transport.extend(transfer.map(|s| row("transport", "us", case, transport, s)));
+            }
             let write = Summary::of_ns_in_us(&measured.write[place]);
             self.write.extend(write.map(|s| row("payload_write", "us", case, transport, s)));
             let send = Summary::of_ns_in_us(&measured.send[place]);
@@ -235,8 +248,14 @@ impl Rows {
     }
 
     fn sorted(self) -> Vec<Row> {
-        [self.hop, self.ratio, self.write, self.send].into_iter().flatten().collect()
+        [self.hop, self.ratio, self.wake_up, self.transport, self.write, self.send].into_iter().flatten().collect()
     }
+}
+
+/// The hop without waking up [ns].
+fn transfer(series: &Series) -> Vec<u64> {
+    let slept = series.wake_up.iter().copied().chain(std::iter::repeat(0));
+    series.latency.iter().zip(slept).map(|(latency, slept)| latency.saturating_sub(slept)).collect()
 }
 
 fn row(name: &str, unit: &str, case: &Case, transport: Option<Transport>, summary: Summary) -> Row {
@@ -245,6 +264,7 @@ fn row(name: &str, unit: &str, case: &Case, transport: Option<Transport>, summar
         ("payload_bytes".to_owned(), json!(case.payload_bytes())),
         ("wake".to_owned(), json!(wake)),
         ("subscribers".to_owned(), json!(1)),
+        ("load".to_owned(), json!(if case.loaded { "busy" } else { "idle" })),
     ]);
     if case.written_before > 0 {
         params.insert("written_before_bytes".into(), json!(case.written_before));

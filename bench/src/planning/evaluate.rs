@@ -27,7 +27,7 @@ pub(super) fn literature() -> Row {
         name: "evaluate_candidates".into(),
         params: params("source (C++, 2 x 3 GHz)", CANDIDATES, SCANS, 2, "0.5 deg"),
         unit: "ms".into(),
-        summary: Summary { n: 1, p50: ms, p90: ms, p99: ms, max: ms },
+        summary: Summary::single(ms),
         provenance: Provenance::Literature,
         extra: BTreeMap::from([("source".to_owned(), json!("the source's Table 6-10, worst case on a Core 2 Duo"))]),
     }
@@ -147,6 +147,7 @@ fn known_cells_near(map: &InformationMap, situation: &Situation, config: &Planni
 fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &str, known: usize) -> Option<Row> {
     let plan = contestant.last.as_ref()?;
     let summary = Summary::of(&contestant.ms)?;
+    let p50 = summary.p50;
     let cell_m = 0.3;
     let in_range = std::f64::consts::PI * (config.scanner.range_m / cell_m).powi(2) * plan.candidates.len() as f64;
     let seen: f64 =
@@ -158,11 +159,11 @@ fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &st
         summary,
         provenance: Provenance::Measured,
         extra: BTreeMap::from([
-            ("cells_per_second".to_owned(), json!((in_range / (summary.p50 / 1e3)).round())),
+            ("cells_per_second".to_owned(), json!((in_range / (p50 / 1e3)).round())),
             ("cells_seen".into(), json!(seen)),
             ("navigable_cells".into(), json!(plan.navigable_cells)),
             ("known_cells".into(), json!(known)),
-            ("ns_per_known_cell".into(), json!((1e6 * summary.p50 / known as f64).round())),
+            ("ns_per_known_cell".into(), json!((1e6 * p50 / known as f64).round())),
             ("bytes".into(), json!(contestant.workspace.bytes())),
         ]),
     })

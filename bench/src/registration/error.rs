@@ -64,6 +64,14 @@ pub enum RegistrationBenchError {
     /// A simulated scan cannot be taken.
     #[error(transparent)]
     Scan(#[from] ScanError),
+    /// A plot of the page cannot be drawn.
+    #[error("the plot '{what}' cannot be drawn: {reason}")]
+    Draw {
+        /// Which plot.
+        what: String,
+        /// What the library said.
+        reason: String,
+    },
     /// There was nothing to measure.
     #[error("nothing was measured: {reason}")]
     NothingMeasured {

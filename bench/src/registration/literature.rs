@@ -53,7 +53,7 @@ fn row(figure: &Figure) -> Row {
             ("per".into(), json!("sequence")),
         ]),
         unit: "ms".into(),
-        summary: Summary { n: 1, p50: figure.ms, p90: figure.ms, p99: figure.ms, max: figure.ms },
+        summary: Summary::single(figure.ms),
         provenance: Provenance::Literature,
         extra: BTreeMap::from([
             ("scans".to_owned(), json!(SCANS)),

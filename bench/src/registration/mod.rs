@@ -21,6 +21,7 @@
 //! - `growth`: the time of a scan, and the memory, when the map of a long simulated drive has so many scans. Scans that
 //!   looked for a loop are set apart.
 
+pub mod all_pairs;
 mod chain_relaxation;
 mod contest;
 mod data;

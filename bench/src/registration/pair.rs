@@ -198,7 +198,8 @@ mod tests {
         assert_eq!(
             serde_json::to_value(row).unwrap(),
             json!({"name": "pair", "params": {"method": "m", "data": "d", "threads": 2, "peer": true}, "unit": "ms",
-                   "n": 3, "p50": 8.0, "p90": 8.0, "p99": 8.0, "max": 8.0, "provenance": "measured",
+                   "n": 3, "p50": 8.0, "p90": 8.0, "p99": 8.0, "p99_9": 8.0, "max": 8.0, "samples": [8.0, 8.0, 8.0],
+                   "provenance": "measured",
                    "translation_error_m": 0.5, "rotation_error_deg": 0.0, "iterations": 4, "overlap": 0.9,
                    "parts": {"align": 4.0}, "version": "1.0"})
         );

@@ -68,7 +68,7 @@ mod tests {
             name: "pair_ratio".into(),
             params: map(params),
             unit: "1".into(),
-            summary: Summary { n: 3, p50: 0.5, p90: 0.5, p99: 0.5, max: 0.5 },
+            summary: Summary::single(0.5),
             provenance: Provenance::Measured,
             extra: map(extra),
         };

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     fn entry(method: &str, ms: f64, metres: f64, degrees: f64) -> Entry {
-        let time = Summary { n: 3, p50: ms, p90: ms, p99: ms, max: ms };
+        let time = Summary::single(ms);
         Entry { method: method.into(), time, translation_error_m: metres, rotation_error_deg: Some(degrees) }
     }
 

@@ -139,9 +139,10 @@ fn whole_row(data: &SequenceData, entrant: &Entrant, runs: &[SequenceRun]) -> Op
     let parts: Vec<&BTreeMap<String, f64>> = runs.iter().map(|run| &run.parts).collect();
     // Repetitions of ours are the same to the last bit, those of the peers nearly so.
     let error = trajectory_error(&runs.last()?.poses, &data.truth);
+    let p50 = summary.p50;
     let mut row = row(data, entrant, "sequence", summary);
     row.extra.extend([
-        ("ms_per_scan".to_owned(), json!(summary.p50 / data.scans.len() as f64)),
+        ("ms_per_scan".to_owned(), json!(p50 / data.scans.len() as f64)),
         ("ate_rmse_m".into(), json!(error.map(|e| e.ate_rmse_m))),
         ("ate_rmse_deg".into(), json!(error.map(|e| e.ate_rmse_deg))),
         ("max_m".into(), json!(error.map(|e| e.max_m))),
@@ -157,9 +158,10 @@ fn frame_row(data: &SequenceData, entrant: &Entrant, runs: &[SequenceRun]) -> Op
     let summary = Summary::of(&times)?;
     let parts: Vec<&BTreeMap<String, f64>> = runs.iter().map(|run| &run.parts).collect();
     let error = median(runs.iter().filter_map(|run| kitti_error_m(&run.poses)));
+    let p50 = summary.p50;
     let mut row = row(data, entrant, "frame", summary);
     row.extra.extend([
-        ("frames_per_second".to_owned(), json!(1e3 / summary.p50)),
+        ("frames_per_second".to_owned(), json!(1e3 / p50)),
         ("translation_error_m".into(), json!(error)),
         ("parts".into(), json!(median_parts(&parts))),
     ]);

@@ -96,7 +96,7 @@ fn source_row() -> Row {
         name: "loop".into(),
         params: params("the source", None),
         unit: "ms".into(),
-        summary: Summary { n: 1, p50: SOURCE_MS, p90: SOURCE_MS, p99: SOURCE_MS, max: SOURCE_MS },
+        summary: Summary::single(SOURCE_MS),
         provenance: Provenance::Literature,
         extra: BTreeMap::from([("source".to_owned(), json!("its own report, on its own scans and machine"))]),
     }

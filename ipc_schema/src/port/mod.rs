@@ -18,7 +18,7 @@ pub use participant::{JoinError, Participant, Peer, Waiter, Wake};
 pub use publisher::{Loan, LoanError, PublishError, Publisher, SendFailure};
 pub use stop::StopSignal;
 pub use subscriber::{ReceiveFailure, Received, Subscriber};
-pub use wait::Wakeable;
+pub use wait::{Pause, Wakeable};
 
 /// The variant of iceoryx2 whose ports and samples can be handed to another thread.
 type Ipc = iceoryx2::prelude::ipc_threadsafe::Service;

@@ -180,9 +180,9 @@ impl Participant {
         Ok(peers)
     }
 
-    /// Waits until one of the ports has something, the time is over or the process should end.
-    pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) {
-        super::wait::wait(self.wake, ports, timeout, &self.stop);
+    /// Waits until one of the ports has something, the time is over or the process should end; when that was.
+    pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) -> super::Pause {
+        super::wait::wait(self.wake, ports, timeout, &self.stop)
     }
 
     /// What waits as this participant does, for a thread that has taken some of the ports.
@@ -201,8 +201,8 @@ pub struct Waiter {
 
 impl Waiter {
     /// As [`Participant::wait`].
-    pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) {
-        super::wait::wait(self.wake, ports, timeout, &self.stop);
+    pub fn wait(&self, ports: &[&dyn super::Wakeable], timeout: Duration) -> super::Pause {
+        super::wait::wait(self.wake, ports, timeout, &self.stop)
     }
 
     /// The signal that ends the process.

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::{StopSignal, Wake};
+use crate::clock;
 
 /// Something that a message can wake.
 pub trait Wakeable {
@@ -17,12 +18,23 @@ pub trait Wakeable {
     fn drain_events(&self);
 }
 
+/// When a thread waited, CLOCK_MONOTONIC [ns].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Pause {
+    /// It had nothing to do any more.
+    pub asleep_ns: u64,
+    /// Something came, or the time was over.
+    pub woke_ns: u64,
+}
+
 /// Waits until a port has a message, the time is over or the process should end.
-pub(super) fn wait(wake: Wake, ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) {
+pub(super) fn wait(wake: Wake, ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) -> Pause {
+    let asleep_ns = clock::monotonic_ns();
     match wake {
         Wake::Event => wait_for_event(ports, timeout, stop),
         Wake::Poll => spin(ports, timeout, stop),
     }
+    Pause { asleep_ns, woke_ns: clock::monotonic_ns() }
 }
 
 fn wait_for_event(ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) {

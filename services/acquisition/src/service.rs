@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use mirador_ipc_schema::messages::{
     CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, Envelope, Header, SCAN_HAS_PRIOR, ScanId, ScanMeta,
-    ScanRequestKind,
+    ScanRequestKind, WorkSpan,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Subscriber, clock, text, topics};
+use mirador_ipc_schema::{Participant, Pause, Publisher, Subscriber, clock, text, topics};
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place};
 
 use crate::no_return::empty_no_returns;
@@ -117,8 +117,9 @@ impl<'a> Acquisition<'a> {
     fn release(&mut self, source: &mut dyn Source, step: u32, info: &ScanInfo) -> Result<(), ServiceError> {
         checkpoint::save(&self.setup.state_file(), step.to_string().as_bytes())?;
         self.send_clock(CLOCK_RUNNING, step, source.scans())?;
-        let begin = Instant::now();
+        let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
         self.send_scan(source, step, info)?;
+        self.health.worked(WorkSpan::until_now("scan", step, 0, Pause::default(), began_ns));
         self.health.finished(&self.participant, step + 1, begin.elapsed());
         Ok(())
     }

@@ -11,8 +11,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use mirador_core::registration::{PrepareError, PreparedScan, Registration};
+use mirador_ipc_schema::messages::WorkSpan;
 use mirador_ipc_schema::service::HEARTBEAT;
-use mirador_ipc_schema::{Bell, Received, Subscriber, Waiter, Wakeable, clock, topics};
+use mirador_ipc_schema::{Bell, Pause, Received, Subscriber, Waiter, Wakeable, clock, topics};
 use mirador_service_common::{ServiceError, view};
 
 /// A scan ready to be aligned.
@@ -24,6 +25,8 @@ pub(crate) struct Ready {
     pub began_ns: u64,
     /// How long the preparation took.
     pub prepare_time: Duration,
+    /// The preparation as work of the thread that takes scans in.
+    pub span: WorkSpan,
 }
 
 /// What the two threads share.
@@ -133,10 +136,11 @@ impl Shared {
     }
 
     fn take_in(&self, scans: &Subscriber<topics::Scan>, waiter: &Waiter, registration: Option<&dyn Registration>) {
+        let mut pause = Pause::default();
         while !self.is_closed() && !waiter.stop().is_set() {
             match scans.receive() {
-                Ok(None) => waiter.wait(&[scans], HEARTBEAT),
-                Ok(Some(scan)) => self.make_ready(scan, registration),
+                Ok(None) => pause = waiter.wait(&[scans], HEARTBEAT),
+                Ok(Some(scan)) => self.make_ready(scan, registration, std::mem::take(&mut pause)),
                 Err(error) => {
                     self.hand_over(Slot::Failed(error.into()));
                     return;
@@ -145,13 +149,15 @@ impl Shared {
         }
     }
 
-    fn make_ready(&self, scan: Received<topics::Scan>, registration: Option<&dyn Registration>) {
+    fn make_ready(&self, scan: Received<topics::Scan>, registration: Option<&dyn Registration>, pause: Pause) {
         self.has_arrived.store(true, Ordering::Relaxed);
         let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
         let is_new = scan.header().scan() >= self.done.load(Ordering::Relaxed);
         let prepared =
             registration.filter(|_| is_new).map(|method| method.prepare(view::scan(scan.meta(), scan.items())));
-        self.hand_over(Slot::Ready(Box::new(Ready { scan, prepared, began_ns, prepare_time: begin.elapsed() })));
+        let (number, sent_ns, prepare_time) = (scan.header().scan(), scan.header().sent_ns, begin.elapsed());
+        let span = WorkSpan { thread: 1, ..WorkSpan::until_now("prepare", number, sent_ns, pause, began_ns) };
+        self.hand_over(Slot::Ready(Box::new(Ready { scan, prepared, began_ns, prepare_time, span })));
     }
 
     /// Puts something into the slot and waits until it is taken: until then no further scan may be held.

@@ -8,9 +8,10 @@ use mirador_core::slam6d::Prior;
 use mirador_core::slam6d::global::{CorrectionRecord, Journalled};
 use mirador_ipc_schema::messages::{
     AlignmentMeta, Envelope, Header, Hypothesis, LoopClosingMeta, PoseCorrection, SCAN_HAS_PRIOR, ScanId, ScanPair,
+    WorkSpan,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Subscriber, Topic, clock, topics};
+use mirador_ipc_schema::{Participant, Pause, Publisher, Subscriber, Topic, clock, topics};
 use mirador_service_common::{ServiceError, log_place, nanoseconds};
 
 use crate::aligner::Aligner;
@@ -35,7 +36,7 @@ pub fn run(setup: &ServiceSetup, config: &AlignmentConfig, registry: &Registry) 
         alignment.health.finished(&participant, alignment.finished_scans, Duration::ZERO);
     }
     while !setup.stop.is_set() {
-        alignment.wait(&participant);
+        alignment.pause = alignment.wait(&participant);
         alignment.receive_priors()?;
         while let Some(ready) = alignment.intake.take()? {
             // The prior was sent before the scan, so it is there.
@@ -107,6 +108,7 @@ struct Alignment<'a> {
     plans: Subscriber<topics::ViewPlan>,
     outbox: Outbox,
     health: HealthReporter,
+    pause: Pause,
     aligner: Aligner,
     external: Option<Foreign>,
     store: Store,
@@ -117,8 +119,9 @@ struct Alignment<'a> {
     waiting: VecDeque<Waiting>,
     /// Since when the first of them waits.
     waiting_since: Instant,
-    /// Number of scans that were planned on.
+    /// Number of scans that were planned on, and when the last plan was sent.
     planned_scans: u32,
+    planned_ns: u64,
     aligned_scans: u32,
     finished_scans: u32,
 }
@@ -169,6 +172,7 @@ impl<'a> Alignment<'a> {
             plans,
             outbox,
             health,
+            pause: Pause::default(),
             aligner,
             external,
             store,
@@ -177,17 +181,18 @@ impl<'a> Alignment<'a> {
             waiting: saved.waiting.into(),
             waiting_since: Instant::now(),
             planned_scans: 0,
+            planned_ns: 0,
             aligned_scans: saved.aligned_scans,
             finished_scans: saved.finished_scans,
         })
     }
 
-    fn wait(&self, participant: &Participant) {
+    fn wait(&self, participant: &Participant) -> Pause {
         if self.is_correction_ready() {
-            return;
+            return self.pause;
         }
         let timeout = if self.waiting.is_empty() { HEARTBEAT } else { self.patience_left().min(HEARTBEAT) };
-        participant.wait(&[self.intake.bell(), &self.plans], timeout);
+        participant.wait(&[self.intake.bell(), &self.plans], timeout)
     }
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {
@@ -205,12 +210,13 @@ impl<'a> Alignment<'a> {
     fn receive_plans(&mut self) -> Result<(), ServiceError> {
         while let Some(plan) = self.plans.receive()? {
             self.planned_scans = self.planned_scans.max(plan.header().scan() + 1);
+            self.planned_ns = plan.header().sent_ns;
         }
         Ok(())
     }
 
     fn align(&mut self, participant: &Participant, ready: Ready) -> Result<(), ServiceError> {
-        let Ready { scan, prepared, began_ns, prepare_time } = ready;
+        let Ready { scan, prepared, began_ns, prepare_time, span } = ready;
         let id = scan.header().id;
         let number = ScanId::unpack(id).scan;
         if number < self.aligned_scans {
@@ -224,7 +230,8 @@ impl<'a> Alignment<'a> {
         if prior.is_none() && scan.meta().flags & SCAN_HAS_PRIOR != 0 {
             tracing::warn!(scan = number, "the announced prior did not come; going on without");
         }
-        let begin = Instant::now();
+        self.health.worked(span);
+        let (begin, align_ns) = (Instant::now(), clock::monotonic_ns());
         if let Some(external) = &self.external {
             let target_id = self.aligner.target_id().unwrap_or(u64::MAX);
             external.tally.set_about(About { source: *scan.header(), target_id });
@@ -244,6 +251,8 @@ impl<'a> Alignment<'a> {
         let meta = messages::meta(&aligned, &facts);
         let hypotheses: Vec<_> = aligned.record.hypotheses.iter().map(messages::hypothesis).collect();
         send(&self.outbox.poses, meta, &hypotheses)?;
+        self.health.worked(WorkSpan::until_now("align", number, span.ended_ns, self.pause, align_ns));
+        self.pause = Pause::default();
         self.last.alignment = messages::to_bytes(&meta, &hypotheses);
         self.aligned_scans = number + 1;
         self.intake.set_done(self.aligned_scans);
@@ -292,6 +301,11 @@ impl<'a> Alignment<'a> {
             // There was no time for it before a restart; what comes of it is told all the same.
             let late = self.waiting.front().map(|first| Waiting { id: record.scan_id, ..*first });
             return late.map_or(Ok(()), |late| self.tell(&late, Some(record), began_ns, begin.elapsed()));
+        }
+        if let Some(first) = self.waiting.front() {
+            let scan = ScanId::unpack(first.id).scan;
+            self.health.worked(WorkSpan::until_now("correct", scan, self.planned_ns, self.pause, began_ns));
+            self.pause = Pause::default();
         }
         // Scans without a record were not accepted, or there was no time for them.
         while let Some(waiting) = self.waiting.pop_front() {

@@ -5,9 +5,9 @@ use std::time::{Duration, Instant};
 use mirador_core::analysis::{GroundHeight, GroundHeightOrigin, ScoreConfig, ScoreSummary, Scorer, Zone, ZoneFinder};
 use mirador_core::geometry::{Pose, pose_from_rows};
 use mirador_core::surface::{SurfaceBuilder, SurfaceConfig};
-use mirador_ipc_schema::messages::{self, AlignmentMeta, Envelope, Header, ScanId, ScoredScanMeta};
+use mirador_ipc_schema::messages::{self, AlignmentMeta, Envelope, Header, ScanId, ScoredScanMeta, WorkSpan};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Publisher, Received, Subscriber, Wakeable, clock, topics};
+use mirador_ipc_schema::{Participant, Pause, Publisher, Received, Subscriber, Wakeable, clock, topics};
 use mirador_service_common::{InOrder, ServiceError, log_place, nanoseconds, view};
 
 use crate::AnalysisConfig;
@@ -22,7 +22,7 @@ pub fn run(setup: &ServiceSetup, config: &AnalysisConfig) -> Result<(), ServiceE
     let mut analysis = Analysis::open(setup, config, &participant)?;
     analysis.health.running(&participant);
     while !setup.stop.is_set() {
-        participant.wait(&analysis.awaited(), HEARTBEAT);
+        analysis.pause = participant.wait(&analysis.awaited(), HEARTBEAT);
         analysis.receive(&participant)?;
         analysis.scores.serve_late_joiners();
         analysis.zones.serve_late_joiners();
@@ -38,6 +38,7 @@ struct Analysis {
     scores: Publisher<topics::ScoredScan>,
     zones: Publisher<topics::Zones>,
     health: HealthReporter,
+    pause: Pause,
     surface: SurfaceBuilder,
     scorer: Scorer,
     finder: ZoneFinder,
@@ -70,6 +71,7 @@ impl Analysis {
             scores: participant.publisher()?,
             zones: participant.publisher()?,
             health: HealthReporter::open(participant, &setup.name)?,
+            pause: Pause::default(),
             surface: SurfaceBuilder::new(),
             scorer: Scorer::new(),
             finder: ZoneFinder::new(),
@@ -136,7 +138,11 @@ impl Analysis {
         // Zones are found in the scanner's frame: they need no pose either.
         let zones = &mut self.found_zones;
         self.finder.find(surface, points, &self.config.zones, zones).map_err(|e| work(e.to_string()))?;
-        self.current = Some(Current { scan, began_ns, surface_time: begin.elapsed() });
+        let surface_time = begin.elapsed();
+        self.health.worked(WorkSpan::until_now("surface", number, scan.header().sent_ns, self.pause, began_ns));
+        // From now on the thread was busy, not asleep.
+        self.pause = Pause::default();
+        self.current = Some(Current { scan, began_ns, surface_time });
         Ok(())
     }
 
@@ -146,7 +152,7 @@ impl Analysis {
         current: &Current,
         alignment: &AlignmentMeta,
     ) -> Result<(), ServiceError> {
-        let begin = Instant::now();
+        let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
         let number = current.scan.header().scan();
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let Some(map_from_scanner) = pose_from_rows(&alignment.map_from_scanner) else {
@@ -175,8 +181,11 @@ impl Analysis {
             zones: self.found_zones.len() as u32,
             ..summary_part(&summary)
         };
-        loan.send()?;
+        // The scores last: with them everything is there that planning waits for.
         self.send_zones(header, &map_from_scanner)?;
+        loan.send()?;
+        self.health.worked(WorkSpan::until_now("scores", number, alignment.header.sent_ns, self.pause, began_ns));
+        self.pause = Pause::default();
         self.finished_scans = number + 1;
         self.health.finished(participant, self.finished_scans, current.surface_time + begin.elapsed());
         Ok(())

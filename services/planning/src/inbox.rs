@@ -12,6 +12,8 @@ pub(crate) struct Step {
     pub scores: Received<topics::ScoredScan>,
     pub alignment: AlignmentMeta,
     pub zones: Vec<Zone>,
+    /// When the last of these messages was sent, CLOCK_MONOTONIC [ns].
+    pub ready_ns: u64,
 }
 
 /// What is received about scans.
@@ -87,7 +89,9 @@ impl Inbox {
     fn put_together(&mut self) -> Option<Step> {
         let (scan, scores) = (self.scans.pop()?, self.scores.pop()?);
         let (alignment, zones) = (self.alignments.pop()?, self.zones.pop()?);
-        Some(Step { scan, scores, alignment: *alignment.meta(), zones: read_zones(&zones) })
+        let sent = [scan.header(), scores.header(), alignment.header(), zones.header()].map(|header| header.sent_ns);
+        let ready_ns = sent.into_iter().max().unwrap_or(0);
+        Some(Step { scan, scores, alignment: *alignment.meta(), zones: read_zones(&zones), ready_ns })
     }
 }
 

@@ -7,10 +7,10 @@ use mirador_core::information_map::{Condenser, Correction};
 use mirador_core::view_planning::{PlanningConfig, Situation, Strategy, StrategyRegistry, Workspace};
 use mirador_ipc_schema::messages::{
     ALIGNMENT_REJECTED, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, ReplanRequest,
-    ViewPlanMeta,
+    ViewPlanMeta, WorkSpan,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Subscriber, Wakeable, clock, topics};
+use mirador_ipc_schema::{Participant, Pause, Subscriber, Wakeable, clock, topics};
 use mirador_service_common::{ServiceError, log_place, nanoseconds, view};
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 
@@ -32,7 +32,7 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
     planning.health.running(&participant);
     planning.begin(&participant)?;
     while !setup.stop.is_set() {
-        planning.wait(&participant);
+        planning.pause = planning.wait(&participant);
         planning.corrections.receive()?;
         planning.move_scans(&participant)?;
         while let Some(step) = planning.inbox.next()? {
@@ -58,6 +58,7 @@ struct Planning<'a> {
     corrections: Corrections,
     outbox: Outbox,
     health: HealthReporter,
+    pause: Pause,
     kept: KeptMap,
     figures: FigureBook,
     condenser: Condenser,
@@ -90,6 +91,7 @@ impl<'a> Planning<'a> {
             corrections,
             outbox: Outbox::open(participant)?,
             health,
+            pause: Pause::default(),
             shown_revision: kept.map.revision(),
             kept,
             figures: FigureBook::default(),
@@ -116,18 +118,18 @@ impl<'a> Planning<'a> {
         Ok(())
     }
 
-    fn wait(&mut self, participant: &Participant) {
+    fn wait(&mut self, participant: &Participant) -> Pause {
         let mut ports = self.inbox.awaited();
         ports.extend(self.corrections.awaited() as [&dyn Wakeable; 2]);
         ports.push(&self.requests);
         let timeout = if self.kept.poses.due() > 0 { Duration::ZERO } else { HEARTBEAT };
-        participant.wait(&ports, timeout);
+        participant.wait(&ports, timeout)
     }
 
     /// Moves the scans that were corrected, one after the other, unless a new scan comes: then the rest is done after
     /// that. With the last one the tiles go out, and the scans planned on count as finished.
     fn move_scans(&mut self, participant: &Participant) -> Result<(), ServiceError> {
-        let begin = Instant::now();
+        let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
         self.note_corrections();
         while !self.setup.stop.is_set() && !self.inbox.is_next_there()? && self.move_one()? {
             self.health.heartbeat(participant);
@@ -140,6 +142,8 @@ impl<'a> Planning<'a> {
             return Ok(());
         }
         if self.moved > 0 {
+            let newest = self.progress.planned_scans.saturating_sub(1);
+            self.health.worked(WorkSpan::until_now("move", newest, 0, self.pause, began_ns));
             self.show(self.progress.header(clock::monotonic_ns()), MAP_CAUSE_CORRECTION)?;
         }
         self.progress.finished_scans = finished;
@@ -206,7 +210,13 @@ impl<'a> Planning<'a> {
             map_from_scanner,
             ground_height_m: step.scores.meta().ground_height_m,
         };
+        self.health.worked(WorkSpan::until_now("map", number, step.ready_ns, self.pause, header.began_ns));
+        // From now on the thread was busy, not asleep.
+        self.pause = Pause::default();
+        let decide_ns = clock::monotonic_ns();
         self.decide(&basis, None, header, begin.elapsed())?;
+        let planned = WorkSpan::until_now("plan", number, 0, self.pause, decide_ns);
+        self.health.worked(planned);
         self.progress.ground_height_m = basis.ground_height_m;
         let robot = robot_pose(&basis.map_from_scanner, basis.ground_height_m);
         self.progress.visited.push((number, robot.translation.vector.into()));
@@ -223,6 +233,7 @@ impl<'a> Planning<'a> {
             self.progress.finished_scans = number + 1;
         }
         state::save(&self.setup.state_file(), &self.kept, &self.progress)?;
+        self.health.worked(WorkSpan::until_now("show", number, 0, self.pause, planned.ended_ns));
         if !self.config.corrections.awaited {
             self.health.finished(participant, self.progress.finished_scans, begin.elapsed());
         }

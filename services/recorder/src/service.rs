@@ -3,10 +3,14 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use mirador_ipc_schema::messages::{Envelope, Header, Meta, ScanId, ScanRequest, ScanRequestKind, ServiceHealth};
+use mirador_ipc_schema::messages::{
+    Envelope, Header, Meta, ScanId, ScanRequest, ScanRequestKind, ServiceHealth, WorkSpan,
+};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::topics::{self, Topic};
-use mirador_ipc_schema::{JoinError, Participant, PortError, ReceiveFailure, Subscriber, Wakeable, for_each_topic};
+use mirador_ipc_schema::{
+    JoinError, Participant, Pause, PortError, ReceiveFailure, Subscriber, Wakeable, clock, for_each_topic,
+};
 use mirador_viewers::View;
 
 use crate::ledger::Ledger;
@@ -20,6 +24,10 @@ const LAST_ORDERS: Duration = Duration::from_secs(5);
 
 /// When nobody has said anything for so long, no plan is being worked on.
 const QUIET: Duration = Duration::from_secs(1);
+
+/// Of the thread that writes: of a core that somebody else wants it gets about a tenth.
+const NICENESS: i32 = 10;
+
 /// A missing scan is asked for again after this long.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// A scan that is incomplete while later ones are complete is given up after this long.
@@ -57,6 +65,7 @@ pub enum RecorderError {
 /// See [`RecorderError`]. The health topic carries the same words.
 pub fn run(setup: &ServiceSetup, config: &RecorderConfig) -> Result<(), RecorderError> {
     config.validate()?;
+    give_way();
     let participant = setup.join()?;
     let mut health = HealthReporter::open(&participant, &setup.name)?;
     let result = record(&participant, setup, config, &mut health);
@@ -64,6 +73,13 @@ pub fn run(setup: &ServiceSetup, config: &RecorderConfig) -> Result<(), Recorder
         health.failed(&participant, &error.to_string());
     }
     result
+}
+
+/// Writing is not on the way to a plan: on few cores it must not take one from those who are.
+fn give_way() {
+    if let Err(error) = rustix::process::setpriority_process(None, NICENESS) {
+        tracing::warn!(%error, "the recorder keeps the priority of the others");
+    }
 }
 
 fn record(
@@ -80,11 +96,13 @@ fn record(
     let requests = participant.publisher::<topics::ScanRequests>()?;
     let mut gaps = Gaps::new();
     let mut stopped: Option<Instant> = None;
+    let mut pause = Pause::default();
     loop {
         if stopped.is_none() {
-            participant.wait(&ports, HEARTBEAT);
+            pause = participant.wait(&ports, HEARTBEAT);
         }
-        let began = Instant::now();
+        let (began, began_ns) = (Instant::now(), clock::monotonic_ns());
+        let scan = recorder.ledger.finished();
         let mut received = 0;
         for tap in &taps {
             received += tap.drain(&mut recorder)?;
@@ -92,7 +110,10 @@ fn record(
         if recorder.heard.elapsed() > QUIET {
             recorder.settle()?;
         }
-        recorder.flush()?;
+        // Every message of a scan is a piece of work; those that made a scan safe are told of.
+        if recorder.flush()? {
+            health.worked(WorkSpan::until_now("record", scan, 0, pause, began_ns));
+        }
         for scan in gaps.requests(&mut recorder.ledger) {
             let id = ScanId { robot: 0, run: setup.run, scan }.pack();
             let request = ScanRequest { kind: ScanRequestKind::RESEND, scan, reserved: 0 };
@@ -218,12 +239,13 @@ impl Recorder {
         self.writer.finish()
     }
 
-    /// Makes safe what a scan waits for.
-    fn flush(&mut self) -> Result<(), WriteError> {
-        if std::mem::take(&mut self.urgent) {
+    /// Makes safe what a scan waits for; whether there was anything.
+    fn flush(&mut self) -> Result<bool, WriteError> {
+        let urgent = std::mem::take(&mut self.urgent);
+        if urgent {
             self.writer.flush()?;
         }
-        Ok(())
+        Ok(urgent)
     }
 }
 

@@ -1,16 +1,17 @@
 //! `mirador bench pipeline`: a scene through the real processes, and where the time went.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use anyhow::{Context, Result, bail};
 use mirador_acquisition::SourceKind;
 use mirador_bench::{BenchReport, Machine, Provenance, Row, Summary};
+use mirador_ipc_schema::messages::{Delay, WorkSpan};
 use serde_json::{Value, json};
 
 use super::session::{Session, load_graph};
 use crate::cli::{BenchPipelineArgs, Common};
-use crate::outputs::{GAPS, RunData, STAGES, ScanRecord, Timeline};
+use crate::outputs::{GAPS, PARTS, RunData, STAGES, ScanRecord, ScanUsage, ServiceWork, Timeline, chrome_trace};
 use crate::{Registry, UsageError};
 
 /// The source's figures: stage, its size, ms. On a 3 GHz Core 2 Duo, worst case (its Table 6-10).
@@ -46,6 +47,10 @@ pub fn measure(common: &Common, args: &BenchPipelineArgs, registry: &Registry) -
     let out = common.out.clone().unwrap_or_else(|| folder.path().join("run"));
     let title = format!("Pipeline in {scene}");
     let data = Session { common, graph, out, truth: None, title }.record()?;
+    if let Some(path) = &args.trace {
+        let trace = chrome_trace(&data, args.after).to_string();
+        std::fs::write(path, trace).with_context(|| format!("{}: cannot be written", path.display()))?;
+    }
     let rows = rows(&data, args.after, &json!(cells))?;
     Ok(BenchReport { bench: "pipeline".into(), machine: Machine::here(), rows })
 }
@@ -76,8 +81,62 @@ fn rows(data: &RunData, after: u32, cells: &Value) -> Result<Vec<Row>> {
     let overhead = ms(timelines.iter().map(Timeline::graph_overhead).collect());
     let missing = BTreeMap::from([("scans_without_timeline".to_owned(), json!(scans.len() - timelines.len()))]);
     rows.extend(measured("graph_overhead", &params, &overhead, missing));
+    rows.extend(work_rows(data, after, &params));
+    rows.extend(process_rows(data, after, &params));
     rows.extend(LITERATURE.iter().map(|(name, size, ms)| literature(name, size, *ms)));
     Ok(rows)
+}
+
+/// The work of every service: waiting, waking up, taking and computing apart.
+fn work_rows(data: &RunData, after: u32, params: &BTreeMap<String, Value>) -> Vec<Row> {
+    let mut kinds: Vec<(&str, &str)> = Vec::new();
+    for work in &data.work.spans {
+        if !kinds.contains(&(&work.service, work.stage())) {
+            kinds.push((&work.service, work.stage()));
+        }
+    }
+    let mut rows = Vec::new();
+    for (service, stage) in kinds {
+        let is_of = |w: &&ServiceWork| w.service == service && w.stage() == stage && w.span.scan >= after;
+        let spans: Vec<WorkSpan> = data.work.spans.iter().filter(is_of).map(|work| work.span).collect();
+        let needing: Vec<Delay> = spans.iter().filter(|span| span.input_ns > 0).map(WorkSpan::delay).collect();
+        let times: [Vec<u64>; 4] = [
+            needing.iter().map(|delay| delay.waiting).collect(),
+            needing.iter().map(|delay| delay.wake_up).collect(),
+            needing.iter().map(|delay| delay.taking).collect(),
+            spans.iter().map(WorkSpan::computing).collect(),
+        ];
+        for (part, ns) in PARTS.iter().zip(times) {
+            let own = [("service", json!(service)), ("work", json!(stage)), ("part", json!(part))];
+            let own = own.into_iter().map(|(key, value)| (key.to_owned(), value));
+            let ms: Vec<f64> = ns.into_iter().map(|ns| ns as f64 / 1e6).collect();
+            rows.extend(measured("work", &params.clone().into_iter().chain(own).collect(), &ms, BTreeMap::new()));
+        }
+    }
+    rows
+}
+
+/// What every process uses for a scan.
+fn process_rows(data: &RunData, after: u32, params: &BTreeMap<String, Value>) -> Vec<Row> {
+    let figures: [(&str, &str, fn(&ScanUsage) -> f64); 5] = [
+        ("cpu", "ms", |u| u.used.cpu_ns as f64 / 1e6),
+        ("minor_faults", "1", |u| u.used.minor_faults as f64),
+        ("major_faults", "1", |u| u.used.major_faults as f64),
+        ("voluntary_switches", "1", |u| u.used.voluntary_switches as f64),
+        ("involuntary_switches", "1", |u| u.used.involuntary_switches as f64),
+    ];
+    let services: BTreeSet<&str> = data.work.usage.iter().map(|usage| usage.service.as_str()).collect();
+    let mut rows = Vec::new();
+    for service in services {
+        for (figure, unit, of) in figures {
+            let used = data.work.usage.iter().filter(|usage| usage.service == service && usage.scan >= after);
+            let own = [("service".to_owned(), json!(service)), ("figure".to_owned(), json!(figure))];
+            let params = params.clone().into_iter().chain(own).collect();
+            let row = measured("process", &params, &used.map(of).collect::<Vec<_>>(), BTreeMap::new());
+            rows.extend(row.map(|row| Row { unit: unit.into(), ..row }));
+        }
+    }
+    rows
 }
 
 fn measured(
@@ -101,7 +160,7 @@ fn literature(name: &str, size: &str, ms: f64) -> Row {
         name: name.to_owned(),
         params: BTreeMap::from([("source".to_owned(), json!(size))]),
         unit: "ms".into(),
-        summary: Summary { n: 1, p50: ms, p90: ms, p99: ms, max: ms },
+        summary: Summary::single(ms),
         provenance: Provenance::Literature,
         extra: BTreeMap::new(),
     }

@@ -36,8 +36,8 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Run(args)) => service::run_service(common, &args, &registry),
         Some(Command::Top { once, json }) => top::top(common, once, json),
         Some(Command::Replan(args)) => replan::replan(common, &args),
-        Some(Command::Bench { what: BenchCommand::Ipc { json, messages, pace_ms } }) => {
-            bench::ipc(json.as_deref(), messages, pace_ms)
+        Some(Command::Bench { what: BenchCommand::Ipc { json, messages, payloads, loaded, pace_ms } }) => {
+            bench::ipc(json.as_deref(), messages, &payloads, loaded, pace_ms)
         }
         Some(Command::Bench { what: BenchCommand::Stages { json, threads, repetitions } }) => {
             bench::stages(json.as_deref(), &threads, repetitions)
@@ -48,6 +48,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Bench { what: BenchCommand::Registration(args) }) => {
             bench::registration(&args, common.quiet, &registry)
         }
+        Some(Command::Bench { what: BenchCommand::Compare(args) }) => bench::compare(&args),
         Some(Command::Bench { what: BenchCommand::Pipeline(args) }) => bench::pipeline(common, &args, &registry),
         Some(Command::Bench { what: BenchCommand::Planning(args) }) => bench::planning(&args, common.quiet),
         Some(Command::Explain { dir, scan }) => {

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::RegistrationTotals;
 use super::run_data::RunData;
+use super::work::Usage;
 
 /// What one service did in a run, added up over its restarts.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
@@ -18,8 +19,9 @@ pub struct ServiceTotals {
     pub restarts: u32,
     /// Largest resident memory [bytes].
     pub resident_bytes: u64,
-    /// CPU time [ns].
-    pub cpu_ns: u64,
+    /// CPU time, page faults and context switches.
+    #[serde(flatten)]
+    pub usage: Usage,
     /// Payload bytes copied out of or into shared memory through its ports.
     pub copied_payload_bytes: u64,
     /// Messages it saw to be missing.

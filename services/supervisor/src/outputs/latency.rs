@@ -1,35 +1,7 @@
 //! How long the stages of a run took.
 
-use serde::Serialize;
-
+use super::histogram::{Latencies, Quantiles};
 use super::run_data::{RunData, ScanRecord};
-
-/// Order statistics of a stage [ms]; null where nothing was measured.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
-pub struct Quantiles {
-    /// Median.
-    pub p50: Option<f64>,
-    /// 99th percentile.
-    pub p99: Option<f64>,
-    /// Largest value.
-    pub max: Option<f64>,
-    /// Number of measurements.
-    pub n: usize,
-}
-
-impl Quantiles {
-    /// The smallest value that at least the share p of all values does not exceed (nearest rank), so every figure was
-    /// really measured.
-    #[must_use]
-    pub fn of(mut values: Vec<f64>) -> Self {
-        values.sort_by(f64::total_cmp);
-        let rank = |share: f64| {
-            let k = (share * values.len() as f64).ceil() as usize;
-            values.get(k.saturating_sub(1)).copied()
-        };
-        Self { p50: rank(0.5), p99: rank(0.99), max: values.last().copied(), n: values.len() }
-    }
-}
 
 /// One stage of the pipeline.
 pub struct Stage {
@@ -60,19 +32,6 @@ impl Stage {
     /// The stage in sum.
     #[must_use]
     pub fn quantiles(&self, data: &RunData) -> Quantiles {
-        Quantiles::of(self.durations(data).into_iter().map(|(_, ms)| ms).collect())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn quantiles_are_values_that_were_measured() {
-        let q = Quantiles::of((1..=200).rev().map(f64::from).collect());
-        assert_eq!(q, Quantiles { p50: Some(100.0), p99: Some(198.0), max: Some(200.0), n: 200 });
-        assert_eq!(Quantiles::of(vec![7.0]).p99, Some(7.0));
-        assert_eq!(Quantiles::of(Vec::new()), Quantiles::default());
+        Latencies::of(data.scans.iter().filter_map(self.of)).quantiles()
     }
 }

@@ -1,9 +1,10 @@
-//! The outputs of a run: `summary.json`, `trajectory.tum`, `model.ply`, `map.png` and `report.html`, all made from
-//! `run.mcap` and what the supervisor knows beside it.
+//! The outputs of a run: `summary.json`, `trace.json`, `trajectory.tum`, `model.ply`, `map.png` and `report.html`, all made
+//! from `run.mcap` and what the supervisor knows beside it.
 
 mod canvas;
 mod drive;
 mod facts;
+mod histogram;
 mod latency;
 mod map_image;
 mod model;
@@ -12,9 +13,13 @@ mod progress_plot;
 mod registration;
 mod report;
 mod run_data;
+mod scan_path;
+mod scan_picture;
 mod summary;
 mod timeline;
+mod trace;
 mod trajectory;
+mod work;
 
 #[cfg(test)]
 pub(crate) mod testing;
@@ -28,11 +33,14 @@ use mirador_recorder::{RUN_FILE, ReadError, RunReader};
 
 pub use drive::{Drive, GivenUp};
 pub use facts::{RunFacts, ServiceTotals};
-pub use latency::{Quantiles, STAGES, Stage};
+pub use histogram::{Latencies, Quantiles};
+pub use latency::{STAGES, Stage};
 pub use registration::RegistrationTotals;
 pub use run_data::{FinalMap, RunData, ScanRecord, SourceEnd};
 pub use summary::{Errors, PoseSummary, Summary};
 pub use timeline::{GAPS, Gap, Timeline};
+pub use trace::chrome_trace;
+pub use work::{PARTS, ScanUsage, ServiceWork, Usage, WorkLog, WorkQuantiles, WorkTimes};
 
 /// Why an output cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -74,6 +82,7 @@ pub fn write_all(run_dir: &Path, facts: &RunFacts) -> Result<Summary, OutputErro
     let json = serde_json::to_vec_pretty(&summary)
         .map_err(|e| OutputError::Draw { what: "summary.json", reason: e.to_string() })?;
     put(run_dir, "summary.json", &json)?;
+    put(run_dir, "trace.json", chrome_trace(&data, 0).to_string().as_bytes())?;
     let mut tum = Vec::new();
     let path = run_dir.join("trajectory.tum");
     trajectory::write_tum(&data, &mut tum).map_err(|source| OutputError::Write { path, source })?;

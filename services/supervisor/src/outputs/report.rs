@@ -9,7 +9,8 @@ use super::facts::RunFacts;
 use super::latency::STAGES;
 use super::run_data::{RunData, ScanRecord};
 use super::summary::Summary;
-use super::{OutputError, plots, progress_plot};
+use super::work::PARTS;
+use super::{OutputError, plots, progress_plot, scan_path, scan_picture};
 
 const STYLE: &str = "\
 body{font:15px/1.5 system-ui,sans-serif;color:#222;max-width:960px;margin:2em auto;padding:0 1em}\
@@ -30,6 +31,7 @@ pub(super) fn render(
     let map = format!("data:image/png;base64,{}", base64::engine::general_purpose::STANDARD.encode(map_png));
     let curves = progress_plot::curves(data)?;
     let (latency_plot, top_view) = (plots::latency(data)?, plots::top_view(data)?);
+    let one_scan = scan_path::typical(data).and_then(|path| Some((path.scan, scan_picture::picture(&path)?)));
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -55,6 +57,18 @@ pub(super) fn render(
                 h2 { "Latency" }
                 (latency_table(summary))
                 (PreEscaped(latency_plot))
+                @if !summary.work_ms.is_empty() {
+                    h2 { "Where the time goes" }
+                    (work_table(data, summary))
+                }
+                @if let Some((scan, picture)) = &one_scan {
+                    h2 { "Scan " (scan) ", from its last beam to its plan" }
+                    p.note {
+                        "The scan whose plan took the middle time. All scans are in " code { "trace.json" } ", for ui.perfetto.dev "
+                        "or chrome://tracing."
+                    }
+                    (picture)
+                }
                 h2 { "Alignment" }
                 (alignment_table(data))
                 h2 { "Decisions" }
@@ -127,15 +141,47 @@ fn distance(summary: &Summary) -> String {
 fn latency_table(summary: &Summary) -> Markup {
     html! {
         table {
-            tr { th.t { "Stage [ms]" } th { "p50" } th { "p99" } th { "max" } th { "n" } }
+            tr {
+                th.t { "Stage [ms]" } th { "p50" } th { "p90" } th { "p99" } th { "p99.9" } th { "max" } th { "n" }
+            }
             @for stage in &STAGES {
                 @let q = summary.latency_ms.get(stage.name).copied().unwrap_or_default();
                 tr {
                     td.t { (stage.name.replace('_', " ")) }
-                    @for value in [q.p50, q.p99, q.max] { td { (milliseconds(value)) } }
+                    @for value in [q.p50, q.p90, q.p99, q.p99_9, q.max] { td { (milliseconds(value)) } }
                     td { (q.n) }
                 }
             }
+        }
+    }
+}
+
+/// The work of every service, in the order in which a scan passes it.
+fn work_table(data: &RunData, summary: &Summary) -> Markup {
+    let times = data.work.times();
+    html! {
+        div.wide { table {
+            tr {
+                th.t { "Work [ms]" } th.t { "Service" }
+                @for part in PARTS { th { (part.replace('_', "-")) " p50" } th { "p99" } }
+                th { "max" } th { "n" }
+            }
+            @for (service, stage, _) in &times {
+                @if let Some(work) = summary.work_ms.get(*stage) {
+                    tr {
+                        td.t { (stage) } td.t { (service) }
+                        @for q in [work.waiting, work.wake_up, work.taking, work.computing] {
+                            td { (milliseconds(q.p50)) } td { (milliseconds(q.p99)) }
+                        }
+                        td { (milliseconds(work.computing.max)) }
+                        td { (work.computing.n) }
+                    }
+                }
+            }
+        } }
+        p.note {
+            "Waiting: the thread was busy with something else. Wake-up: it slept. Taking: awake, until the work began. "
+            "All times were measured in this run."
         }
     }
 }
@@ -210,7 +256,8 @@ fn service_table(facts: &RunFacts) -> Markup {
     html! {
         div.wide { table {
             tr {
-                th.t { "Service" } th { "Restarts" } th { "Memory [MB]" } th { "CPU [s]" } th { "Sent" } th { "Received" }
+                th.t { "Service" } th { "Restarts" } th { "Memory [MB]" } th { "CPU [s]" }
+                th { "Faults, minor" } th { "major" } th { "Switches, voluntary" } th { "forced" } th { "Sent" } th { "Received" }
                 th { "Lost" } th { "Undelivered" } th { "Copied [bytes]" }
             }
             @for s in &facts.services {
@@ -218,7 +265,11 @@ fn service_table(facts: &RunFacts) -> Markup {
                     td.t { (s.name) }
                     td { (s.restarts) }
                     td { (format!("{:.1}", s.resident_bytes as f64 / 1e6)) }
-                    td { (format!("{:.2}", s.cpu_ns as f64 / 1e9)) }
+                    @let used = s.usage;
+                    td { (format!("{:.2}", used.cpu_ns as f64 / 1e9)) }
+                    @for value in [used.minor_faults, used.major_faults, used.voluntary_switches, used.involuntary_switches] {
+                        td { (grouped(value)) }
+                    }
                     @for value in [s.sent_messages, s.received_messages, s.lost_messages, s.undelivered_messages, s.copied_payload_bytes] {
                         td { (grouped(value)) }
                     }

@@ -12,6 +12,7 @@ use mirador_ipc_schema::{text, topics};
 use mirador_recorder::{ReadError, RunReader};
 
 use super::drive::Drive;
+use super::work::WorkLog;
 
 /// Everything that was said about one scan, without its points.
 #[derive(Debug, Clone, Default)]
@@ -166,6 +167,8 @@ pub struct RunData {
     pub map: FinalMap,
     /// How the robot drove.
     pub drive: Drive,
+    /// What the services did when.
+    pub work: WorkLog,
     /// How the source ended.
     pub source: SourceEnd,
     /// Whether scans were taken as the robot went, their number known to nobody before.
@@ -207,6 +210,7 @@ impl RunData {
         data.read_plans(reader, &mut scans)?;
         data.read_map(reader)?;
         data.drive = Drive::read(reader)?;
+        reader.for_each::<topics::ServiceHealth>(|_, reports| reports.iter().for_each(|r| data.work.take(r)))?;
         reader.for_each_meta::<topics::Clock>(|meta, _| {
             data.is_live = meta.scans_expected == 0;
             data.source = match meta.state {

@@ -10,8 +10,10 @@ use serde::Serialize;
 
 use super::RegistrationTotals;
 use super::facts::{RunFacts, ServiceTotals};
-use super::latency::{Quantiles, STAGES};
+use super::histogram::Quantiles;
+use super::latency::STAGES;
 use super::run_data::{RunData, SourceEnd};
+use super::work::WorkQuantiles;
 
 /// All figures of a run.
 #[derive(Debug, Clone, Serialize)]
@@ -54,8 +56,13 @@ pub struct Summary {
     pub poses: Vec<PoseSummary>,
     /// Errors against the truth.
     pub errors: Option<Errors>,
+    /// Where the times come from: `measured`, all of them in this run.
+    pub provenance: &'static str,
     /// Latency of every stage and from scan to plan [ms].
     pub latency_ms: BTreeMap<&'static str, Quantiles>,
+    /// The work of every service, by its name: waiting for a busy thread, waking up, taking messages, and computing apart
+    /// [ms].
+    pub work_ms: BTreeMap<String, WorkQuantiles>,
     /// Payload bytes copied by all services.
     pub copied_payload_bytes: u64,
     /// Messages lost by all services.
@@ -142,6 +149,8 @@ impl Summary {
             cell_m: has_map.then_some(data.map.cell_m),
             poses: poses(data),
             errors: errors(data, facts),
+            provenance: "measured",
+            work_ms: data.work.quantiles(),
             latency_ms: STAGES.iter().map(|stage| (stage.name, stage.quantiles(data))).collect(),
             copied_payload_bytes: total(|s| s.copied_payload_bytes),
             lost_messages: total(|s| s.lost_messages),

@@ -9,7 +9,7 @@ use mirador_ipc_schema::messages::{CLOCK_ENDED, CLOCK_FAULT, Envelope, Header, S
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, Wakeable, text, topics};
 
 use super::registration::RegistrationTally;
-use crate::outputs::ServiceTotals;
+use crate::outputs::{ServiceTotals, Usage};
 
 /// The counters of one service, summed over its incarnations.
 #[derive(Debug, Default)]
@@ -28,7 +28,7 @@ impl Tally {
         }
         let (totals, before) = (&mut self.totals, &self.before);
         totals.resident_bytes = totals.resident_bytes.max(health.resident_bytes);
-        totals.cpu_ns = before.cpu_ns + health.cpu_ns;
+        totals.usage = before.usage.plus(Usage::of(health));
         totals.copied_payload_bytes = before.copied_payload_bytes + health.copied_payload_bytes;
         totals.lost_messages = before.lost_messages + health.lost_messages;
         totals.undelivered_messages = before.undelivered_messages + health.undelivered_messages;

@@ -10,6 +10,7 @@ use mirador_ipc_schema::{Header, Peer, text};
 
 use super::view::{Decision, Run, Service, Snapshot, Stage};
 use crate::graph::SERVICES;
+use crate::outputs::{Latencies, Usage, WorkQuantiles, WorkTimes};
 use crate::supervise::RegistrationTally;
 
 /// Rates are taken over this time [ns].
@@ -20,8 +21,6 @@ const RATE_SHORTEST_NS: u64 = 200_000_000;
 const SILENT_NS: u64 = 1_000_000_000;
 /// A service that was not heard for this long is gone [ns].
 const GONE_NS: u64 = 5_000_000_000;
-/// Scans over which a median is taken.
-const MEDIAN_SCANS: usize = 1000;
 /// The process that reports no health, and is not waited for.
 const SUPERVISOR: &str = "supervisor";
 
@@ -29,7 +28,8 @@ const SUPERVISOR: &str = "supervisor";
 #[derive(Debug, Default)]
 pub(super) struct State {
     services: BTreeMap<String, Heard>,
-    stages: BTreeMap<StageName, Latencies>,
+    stages: BTreeMap<StageName, StageTimes>,
+    work: BTreeMap<String, (String, WorkTimes)>,
     clock: Option<ClockMeta>,
     scans_planned: u32,
     decision: Option<Decision>,
@@ -75,34 +75,17 @@ struct Heard {
 #[derive(Debug, Clone, Copy)]
 struct Mark {
     sent_ns: u64,
-    cpu_ns: u64,
+    usage: Usage,
     received: u64,
     sent: u64,
 }
 
 /// Latencies of one stage.
 #[derive(Debug, Default)]
-struct Latencies {
-    /// The last ones, oldest first [ns].
-    recent: VecDeque<u64>,
-    scans: u64,
-}
-
-impl Latencies {
-    fn add(&mut self, ns: u64) {
-        if self.recent.len() == MEDIAN_SCANS {
-            self.recent.pop_front();
-        }
-        self.recent.push_back(ns);
-        self.scans += 1;
-    }
-
-    /// The upper of the two middle ones when their number is even [ns].
-    fn median(&self) -> u64 {
-        let mut sorted: Vec<u64> = self.recent.iter().copied().collect();
-        sorted.sort_unstable();
-        sorted.get(sorted.len() / 2).copied().unwrap_or(0)
-    }
+struct StageTimes {
+    all: Latencies,
+    /// The last one [ns].
+    last: u64,
 }
 
 impl State {
@@ -116,6 +99,7 @@ impl State {
                 self.services.insert(name.to_owned(), Heard::new(header, health));
             }
         }
+        self.take_work(name, health);
         // Analysis tells its time with the scan it has finished; a scan it took over after a restart cost it nothing.
         let finished_more = finished_before.is_some_and(|before| health.finished_scans > before);
         if name == "analysis" && finished_more && health.last_work_ns > 0 {
@@ -183,6 +167,8 @@ impl State {
             run: self.run(),
             services,
             stages: self.stages.iter().map(|(name, latencies)| latencies.stage(*name)).collect(),
+            work: self.work(),
+            provenance: "measured",
             decision: self.decision.clone(),
             registration: self.registration.totals(),
             notes: self.notes.clone(),
@@ -207,17 +193,41 @@ impl State {
     }
 
     fn add_latency(&mut self, stage: StageName, ns: u64) {
-        self.stages.entry(stage).or_default().add(ns);
+        let times = self.stages.entry(stage).or_default();
+        times.all.add(ns);
+        times.last = ns;
+    }
+
+    /// Takes in what a service tells of its work, for it tells it once.
+    fn take_work(&mut self, service: &str, health: &ServiceHealth) {
+        for span in health.work() {
+            let (of, times) = self.work.entry(text::unpack(&span.stage).to_owned()).or_default();
+            service.clone_into(of);
+            times.add(span);
+        }
+    }
+
+    fn work(&self) -> BTreeMap<String, WorkQuantiles> {
+        let figures = |(stage, (service, times)): (&String, &(String, WorkTimes))| {
+            let [waiting, wake_up, taking, computing] = times.parts().map(Latencies::quantiles);
+            (stage.clone(), WorkQuantiles { service: service.clone(), waiting, wake_up, taking, computing })
+        };
+        self.work.iter().map(figures).collect()
     }
 }
 
-impl Latencies {
+impl StageTimes {
     fn stage(&self, name: StageName) -> Stage {
+        let quantile = |share| milliseconds(self.all.quantile(share).unwrap_or(0));
         Stage {
             stage: name.word(),
-            last_ms: milliseconds(self.recent.back().copied().unwrap_or(0)),
-            p50_ms: milliseconds(self.median()),
-            scans: self.scans,
+            last_ms: milliseconds(self.last),
+            p50_ms: quantile(0.5),
+            p90_ms: quantile(0.9),
+            p99_ms: quantile(0.99),
+            p99_9_ms: quantile(0.999),
+            max_ms: quantile(1.0),
+            scans: self.all.count(),
         }
     }
 }
@@ -269,6 +279,9 @@ impl Heard {
             finished_scans: self.last.finished_scans,
             cpu_percent: rates.map(|r| r.cpu_percent),
             resident_bytes: self.last.resident_bytes,
+            faults_per_second: rates.map(|r| r.faults),
+            switches_per_second: rates.map(|r| r.switches),
+            usage: Usage::of(&self.last),
             messages_in_per_second: rates.map(|r| r.received),
             messages_out_per_second: rates.map(|r| r.sent),
             lost_messages: self.last.lost_messages,
@@ -288,8 +301,11 @@ impl Heard {
         }
         let seconds = ns as f64 * 1e-9;
         let per_second = |first: u64, last: u64| last.saturating_sub(first) as f64 / seconds;
+        let used = last.usage.since(first.usage);
         Some(Rates {
-            cpu_percent: per_second(first.cpu_ns, last.cpu_ns) * 1e-9 * 100.0,
+            cpu_percent: per_second(0, used.cpu_ns) * 1e-9 * 100.0,
+            faults: per_second(0, used.minor_faults + used.major_faults),
+            switches: per_second(0, used.voluntary_switches + used.involuntary_switches),
             received: per_second(first.received, last.received),
             sent: per_second(first.sent, last.sent),
         })
@@ -300,7 +316,7 @@ impl Mark {
     fn of(header: &Header, health: &ServiceHealth) -> Self {
         Self {
             sent_ns: header.sent_ns,
-            cpu_ns: health.cpu_ns,
+            usage: Usage::of(health),
             received: health.received_messages,
             sent: health.sent_messages,
         }
@@ -312,6 +328,10 @@ impl Mark {
 struct Rates {
     /// [percent of one core].
     cpu_percent: f64,
+    /// Page faults [1/s].
+    faults: f64,
+    /// Context switches [1/s].
+    switches: f64,
     /// Messages received [1/s].
     received: f64,
     /// Messages sent [1/s].
@@ -328,6 +348,9 @@ fn unheard_service(peer: &Peer) -> Service {
         finished_scans: 0,
         cpu_percent: None,
         resident_bytes: 0,
+        faults_per_second: None,
+        switches_per_second: None,
+        usage: Usage::default(),
         messages_in_per_second: None,
         messages_out_per_second: None,
         lost_messages: 0,

@@ -1,3 +1,5 @@
+use mirador_ipc_schema::messages::WorkSpan;
+
 use super::*;
 
 const MS: u64 = 1_000_000;
@@ -148,12 +150,39 @@ fn stages_have_the_last_latency_and_the_median() {
 }
 
 #[test]
-fn medians_take_bounded_memory() {
-    let mut latencies = Latencies::default();
-    for ns in 0..5000 {
-        latencies.add(ns);
+fn the_work_of_a_service_is_told_apart_and_told_once() {
+    let mut state = State::default();
+    let span = WorkSpan {
+        stage: text::pack("surface"),
+        input_ns: 10 * MS,
+        asleep_ns: 5 * MS,
+        woke_ns: 11 * MS,
+        began_ns: 12 * MS,
+        ended_ns: 20 * MS,
+        ..WorkSpan::default()
+    };
+    report(&mut state, "analysis", 1000, 0, |h| (h.span_count, h.spans[0]) = (1, span));
+    // A heartbeat tells of no work.
+    report(&mut state, "analysis", 1050, 0, |h| h.spans[0] = span);
+    let work = &state.snapshot(0, "test", &[]).work["surface"];
+    assert_eq!((work.service.as_str(), work.computing.n), ("analysis", 1));
+    let ms = [work.waiting, work.wake_up, work.taking, work.computing].map(|q| q.max);
+    assert_eq!(ms, [Some(0.0), Some(1.0), Some(1.0), Some(8.0)]);
+}
+
+#[test]
+fn faults_and_switches_are_rates_and_totals() {
+    let mut state = State::default();
+    for step in 0..=20_u64 {
+        report(&mut state, "analysis", 1000 + step * 50, 0, |h| {
+            (h.minor_faults, h.major_faults) = (step * 2, step);
+            (h.voluntary_switches, h.involuntary_switches) = (step * 5, step * 5);
+        });
     }
-    assert_eq!((latencies.recent.len(), latencies.scans, latencies.median()), (1000, 5000, 4500));
+    let row = service(&state, 2000, "analysis");
+    assert!((row.faults_per_second.unwrap() - 60.0).abs() < 1e-9, "{row:?}");
+    assert!((row.switches_per_second.unwrap() - 200.0).abs() < 1e-9, "{row:?}");
+    assert_eq!((row.usage.minor_faults, row.usage.involuntary_switches), (40, 100));
 }
 
 #[test]

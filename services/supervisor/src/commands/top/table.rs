@@ -1,6 +1,7 @@
 //! A snapshot as a table for people.
 
 use super::view::{Decision, Run, Service, Snapshot, Stage};
+use crate::outputs::WorkQuantiles;
 
 /// Shown where nothing is known.
 const UNKNOWN: &str = "-";
@@ -19,6 +20,11 @@ pub(super) fn render(snapshot: &Snapshot) -> String {
         let rows: Vec<Vec<String>> = snapshot.stages.iter().map(stage_row).collect();
         out.push('\n');
         out.push_str(&aligned(&STAGE_COLUMNS, &rows));
+    }
+    if !snapshot.work.is_empty() {
+        let rows: Vec<Vec<String>> = snapshot.work.iter().map(work_row).collect();
+        out.push('\n');
+        out.push_str(&aligned(&WORK_COLUMNS, &rows));
     }
     if let Some(decision) = &snapshot.decision {
         out.push_str(&format!("\ndecision  {}\n", decision_line(decision)));
@@ -42,7 +48,7 @@ enum Side {
 }
 use Side::{Left, Right};
 
-const SERVICE_COLUMNS: [Column; 13] = [
+const SERVICE_COLUMNS: [Column; 15] = [
     Column("service", Left),
     Column("pid", Right),
     Column("state", Left),
@@ -50,6 +56,8 @@ const SERVICE_COLUMNS: [Column; 13] = [
     Column("scans", Right),
     Column("cpu %", Right),
     Column("memory MB", Right),
+    Column("faults/s", Right),
+    Column("switches/s", Right),
     Column("in/s", Right),
     Column("out/s", Right),
     Column("lost", Right),
@@ -58,8 +66,31 @@ const SERVICE_COLUMNS: [Column; 13] = [
     Column("message", Left),
 ];
 
-const STAGE_COLUMNS: [Column; 4] =
-    [Column("stage", Left), Column("last ms", Right), Column("p50 ms", Right), Column("scans", Right)];
+const STAGE_COLUMNS: [Column; 8] = [
+    Column("stage", Left),
+    Column("last ms", Right),
+    Column("p50 ms", Right),
+    Column("p90", Right),
+    Column("p99", Right),
+    Column("p99.9", Right),
+    Column("max", Right),
+    Column("scans", Right),
+];
+
+/// Medians tell how it usually is, 99th percentiles how bad it gets.
+const WORK_COLUMNS: [Column; 11] = [
+    Column("work", Left),
+    Column("service", Left),
+    Column("waiting ms", Right),
+    Column("p99", Right),
+    Column("wake-up ms", Right),
+    Column("p99", Right),
+    Column("taking ms", Right),
+    Column("p99", Right),
+    Column("computing ms", Right),
+    Column("p99", Right),
+    Column("times", Right),
+];
 
 fn headline(snapshot: &Snapshot) -> String {
     let Run { state, lockstep, scans_done, scans_expected, scans_failed } = &snapshot.run;
@@ -88,6 +119,8 @@ fn service_row(s: &Service) -> Vec<String> {
         heard(s.finished_scans.to_string()),
         rate(s.cpu_percent),
         heard(format!("{:.1}", s.resident_bytes as f64 / 1e6)),
+        rate(s.faults_per_second),
+        rate(s.switches_per_second),
         rate(s.messages_in_per_second),
         rate(s.messages_out_per_second),
         heard(s.lost_messages.to_string()),
@@ -109,7 +142,14 @@ fn message(s: &Service) -> String {
 
 fn stage_row(s: &Stage) -> Vec<String> {
     let name = s.stage.replace('_', " ");
-    vec![name, format!("{:.1}", s.last_ms), format!("{:.1}", s.p50_ms), s.scans.to_string()]
+    let times = [s.last_ms, s.p50_ms, s.p90_ms, s.p99_ms, s.p99_9_ms, s.max_ms].map(|ms| format!("{ms:.1}"));
+    [vec![name], times.to_vec(), vec![s.scans.to_string()]].concat()
+}
+
+fn work_row((stage, work): (&String, &WorkQuantiles)) -> Vec<String> {
+    let ms = |value: Option<f64>| value.map_or_else(|| UNKNOWN.to_owned(), |ms| format!("{ms:.3}"));
+    let parts = [work.waiting, work.wake_up, work.taking, work.computing].map(|q| [ms(q.p50), ms(q.p99)]);
+    [vec![printable(stage), printable(&work.service)], parts.concat(), vec![work.computing.n.to_string()]].concat()
 }
 
 fn decision_line(d: &Decision) -> String {

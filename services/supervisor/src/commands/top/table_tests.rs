@@ -1,4 +1,18 @@
+use std::collections::BTreeMap;
+
 use super::*;
+use crate::outputs::{Latencies, Usage};
+
+fn work() -> WorkQuantiles {
+    let of = |ns: &[u64]| Latencies::of(ns.iter().copied()).quantiles();
+    WorkQuantiles {
+        service: "analysis".into(),
+        waiting: of(&[]),
+        wake_up: of(&[30_000, 45_000]),
+        taking: of(&[2_000, 3_000]),
+        computing: of(&[5_000_000, 6_000_000]),
+    }
+}
 
 fn snapshot() -> Snapshot {
     Snapshot {
@@ -14,6 +28,9 @@ fn snapshot() -> Snapshot {
                 finished_scans: 3,
                 cpu_percent: Some(99.96),
                 resident_bytes: 123_456_789,
+                faults_per_second: Some(3.0),
+                switches_per_second: Some(45.67),
+                usage: Usage::default(),
                 messages_in_per_second: Some(20.04),
                 messages_out_per_second: Some(21.0),
                 lost_messages: 2,
@@ -31,6 +48,9 @@ fn snapshot() -> Snapshot {
                 finished_scans: 0,
                 cpu_percent: None,
                 resident_bytes: 0,
+                faults_per_second: None,
+                switches_per_second: None,
+                usage: Usage::default(),
                 messages_in_per_second: None,
                 messages_out_per_second: None,
                 lost_messages: 0,
@@ -41,7 +61,18 @@ fn snapshot() -> Snapshot {
                 message: String::new(),
             },
         ],
-        stages: vec![Stage { stage: "end_to_end", last_ms: 12.34, p50_ms: 11.0, scans: 3 }],
+        stages: vec![Stage {
+            stage: "end_to_end",
+            last_ms: 12.34,
+            p50_ms: 11.0,
+            p90_ms: 12.0,
+            p99_ms: 12.34,
+            p99_9_ms: 12.34,
+            max_ms: 12.34,
+            scans: 3,
+        }],
+        work: BTreeMap::from([("surface".to_owned(), work())]),
+        provenance: "measured",
         decision: Some(Decision {
             scan: 2,
             decision: "go",
@@ -62,12 +93,15 @@ fn a_graph_is_a_table_that_can_be_read() {
     let expected = "\
 domain mirador | supervisor 10 | running | lockstep | scans 3 of 12
 
-service        pid  state    restarts  scans  cpu %  memory MB  in/s  out/s  lost  copied  work ms  message
-alignment       11  running         1      3  100.0      123.5  20.0   21.0     2  1.2 MB     41.3  waiting [2J for the target
-foreign    4194304  unheard         -      -      -          -     -      -     -       -        -
+service        pid  state    restarts  scans  cpu %  memory MB  faults/s  switches/s  in/s  out/s  lost  copied  work ms  message
+alignment       11  running         1      3  100.0      123.5       3.0        45.7  20.0   21.0     2  1.2 MB     41.3  waiting [2J for the target
+foreign    4194304  unheard         -      -      -          -         -           -     -      -     -       -        -
 
-stage       last ms  p50 ms  scans
-end to end     12.3    11.0      3
+stage       last ms  p50 ms   p90   p99  p99.9   max  scans
+end to end     12.3    11.0  12.0  12.3   12.3  12.3      3
+
+work     service   waiting ms  p99  wake-up ms    p99  taking ms    p99  computing ms    p99  times
+surface  analysis           -    -       0.030  0.045      0.002  0.003         5.000  6.000      2
 
 decision  scan 2: go (best_utility) candidate 4 | 7 candidates, path 3.2 m, 12.3 ms, strategy weighted
 note      not shown: clock
@@ -123,14 +157,15 @@ fn the_keys_of_json_stay_as_they_are() {
         words.sort();
         words.join(" ")
     };
-    assert_eq!(sorted(&json), "decision domain notes registration run services stages supervisor_pid");
+    assert_eq!(sorted(&json), "decision domain notes provenance registration run services stages supervisor_pid work");
     assert_eq!(sorted(&json["run"]), "lockstep scans_done scans_expected scans_failed state");
     assert_eq!(
         sorted(&json["services"][0]),
-        "copied_payload_bytes cpu_percent finished_scans heard_ms_ago last_work_ms lost_messages message \
-         messages_in_per_second messages_out_per_second pid resident_bytes restarts service state undelivered_messages"
+        "copied_payload_bytes cpu_ns cpu_percent faults_per_second finished_scans heard_ms_ago involuntary_switches \
+         last_work_ms lost_messages major_faults message messages_in_per_second messages_out_per_second minor_faults pid \
+         resident_bytes restarts service state switches_per_second undelivered_messages voluntary_switches"
     );
-    assert_eq!(sorted(&json["stages"][0]), "last_ms p50_ms scans stage");
+    assert_eq!(sorted(&json["stages"][0]), "last_ms max_ms p50_ms p90_ms p99_9_ms p99_ms scans stage");
     assert_eq!(
         sorted(&json["decision"]),
         "candidates decision end_to_end_ms path_length_m reason reason_code scan strategy"

@@ -1,8 +1,10 @@
 //! What is shown at one moment. The names of the fields are the keys of `--json` and do not change.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
-use crate::outputs::RegistrationTotals;
+use crate::outputs::{RegistrationTotals, Usage, WorkQuantiles};
 
 /// A graph at one moment.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -17,6 +19,10 @@ pub(super) struct Snapshot {
     pub(super) services: Vec<Service>,
     /// Latency of the stages, for those that were heard of.
     pub(super) stages: Vec<Stage>,
+    /// The work of the services: waiting for a busy thread, waking up, taking messages, and computing apart [ms].
+    pub(super) work: BTreeMap<String, WorkQuantiles>,
+    /// Where all of these times come from: `measured`.
+    pub(super) provenance: &'static str,
     /// The latest decision.
     pub(super) decision: Option<Decision>,
     /// How a foreign registration does, where there is one.
@@ -58,6 +64,13 @@ pub(super) struct Service {
     pub(super) cpu_percent: Option<f64>,
     /// Resident memory [bytes].
     pub(super) resident_bytes: u64,
+    /// Page faults, with and without a disk [1/s].
+    pub(super) faults_per_second: Option<f64>,
+    /// Context switches, voluntary and not [1/s].
+    pub(super) switches_per_second: Option<f64>,
+    /// CPU time, page faults and context switches since its start.
+    #[serde(flatten)]
+    pub(super) usage: Usage,
     /// Messages received [1/s].
     pub(super) messages_in_per_second: Option<f64>,
     /// Messages sent [1/s].
@@ -83,8 +96,16 @@ pub(super) struct Stage {
     pub(super) stage: &'static str,
     /// Of the last scan [ms].
     pub(super) last_ms: f64,
-    /// Median over the scans seen, at most the last thousand [ms].
+    /// Median over the scans seen [ms]; to three digits beyond the first thousand, as all that follow.
     pub(super) p50_ms: f64,
+    /// 90th percentile [ms].
+    pub(super) p90_ms: f64,
+    /// 99th percentile [ms].
+    pub(super) p99_ms: f64,
+    /// 99.9th percentile [ms].
+    pub(super) p99_9_ms: f64,
+    /// The largest [ms].
+    pub(super) max_ms: f64,
     /// Scans seen.
     pub(super) scans: u64,
 }
