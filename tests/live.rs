@@ -71,8 +71,8 @@ fn a_viewer_sees_live_what_the_recording_has() {
     let clouds: Vec<PointCloud> = recorded["/cloud"].iter().map(|bytes| decode(bytes)).collect();
     assert!(seen["/cloud"].len() >= 4, "{}", seen["/cloud"].len());
     for cloud in seen["/cloud"].iter().map(|bytes| decode::<PointCloud>(bytes)) {
-        let same = |other: &&PointCloud| other.data == cloud.data && other.pose == cloud.pose;
-        assert_eq!(clouds.iter().filter(same).count(), 1, "one of the recorded scans, at its pose");
+        let same = |other: &PointCloud| other.data == cloud.data && other.pose == cloud.pose;
+        assert!(clouds.iter().any(same), "one of the recorded scans, at its pose");
     }
     let poses = |drawings: &[Vec<u8>]| decode::<PosesInFrame>(drawings.last().unwrap()).poses;
     let last = poses(&seen["/poses"]);

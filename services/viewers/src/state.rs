@@ -77,7 +77,9 @@ impl State {
         Some(pose)
     }
 
-    pub(crate) fn correct(&mut self, header: &Header, corrections: &[PoseCorrection]) {
+    /// Enters corrected poses; whether the newest scan has moved, too.
+    pub(crate) fn correct(&mut self, header: &Header, corrections: &[PoseCorrection]) -> bool {
+        let mut has_moved = false;
         for correction in corrections {
             let scan = ScanId::unpack(correction.id).scan;
             let Some(new) = pose_from_rows(&correction.map_from_scanner) else { continue };
@@ -85,6 +87,7 @@ impl State {
                 *old = new;
             }
             if let Some((_, pose, _)) = self.cloud.as_mut().filter(|(header, ..)| header.scan() == scan) {
+                has_moved |= *pose != new;
                 *pose = new;
             }
             if let Some((_, pose)) = self.scanner.as_mut().filter(|(header, _)| header.scan() == scan) {
@@ -92,6 +95,7 @@ impl State {
             }
         }
         self.trajectory_at = *header;
+        has_moved
     }
 
     /// A scan that has pose and scores.

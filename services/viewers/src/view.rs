@@ -172,8 +172,10 @@ impl View {
             "scan" => self.scan(&header, cast(items)),
             "alignment" => any.downcast_ref().into_iter().for_each(|meta| self.alignment(meta)),
             "pose_corrections" => {
-                self.state.correct(&header, cast(items));
-                self.change(&[POSES, DOTS_POSES, TF, CLOUD, MODEL]);
+                if self.state.correct(&header, cast(items)) {
+                    self.change(&[CLOUD]);
+                }
+                self.change(&[POSES, DOTS_POSES, TF, MODEL]);
             }
             "scored_scan" => self.scores(&header, cast(items)),
             "zones" => {
