@@ -140,6 +140,19 @@ fn the_same_seed_gives_the_same_exploration_and_another_another() {
 }
 
 #[test]
+fn settings_before_the_command_and_behind_it_are_refused_as_one_of_them_would_be_lost() {
+    let stage = Stage::new();
+    let both = ["--set", "acquisition.max_scans=2", "explore", "--set", "acquisition.run_seed=3"];
+    let finished = stage.run(&both);
+    assert_eq!(finished.status.code(), Some(2), "{}", finished.stderr);
+    assert!(
+        finished.stderr.starts_with("error: --set") && finished.stderr.contains("behind the command"),
+        "{}",
+        finished.stderr
+    );
+}
+
+#[test]
 fn what_cannot_be_explored_is_refused_by_name() {
     let stage = Stage::new();
     let refused = |arguments: &[&str], words: &[&str]| {
@@ -154,8 +167,6 @@ fn what_cannot_be_explored_is_refused_by_name() {
     refused(&["explore", "moon"], &["moon", "simple", "structured"]);
     refused(&["explore", "nowhere.toml"], &["nowhere.toml"]);
     refused(&["explore", "--strategy", "lottery"], &["lottery", "coverage_tour"]);
-    let both = ["--set", "acquisition.max_scans=2", "explore", "--set", "acquisition.retake=false"];
-    refused(&both, &["--set", "behind the command"]);
     refused(&["explore", "--weights", "1,2"], &["--weights", "four numbers"]);
     refused(&["explore", "--weights", "0,0,0,1"], &["weights", "at least one"]);
     refused(&["explore", "--weights", "-1,0,0,1"], &["weights.information", "0 to 1"]);

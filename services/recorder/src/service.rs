@@ -25,9 +25,6 @@ const LAST_ORDERS: Duration = Duration::from_secs(5);
 /// When nobody has said anything for so long, no plan is being worked on.
 const QUIET: Duration = Duration::from_secs(1);
 
-/// Of the thread that writes: of a core that somebody else wants it gets about a tenth.
-const NICENESS: i32 = 10;
-
 /// A missing scan is asked for again after this long.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 /// A scan that is incomplete while later ones are complete is given up after this long.
@@ -65,7 +62,6 @@ pub enum RecorderError {
 /// See [`RecorderError`]. The health topic carries the same words.
 pub fn run(setup: &ServiceSetup, config: &RecorderConfig) -> Result<(), RecorderError> {
     config.validate()?;
-    give_way();
     let participant = setup.join()?;
     let mut health = HealthReporter::open(&participant, &setup.name)?;
     let result = record(&participant, setup, config, &mut health);
@@ -73,13 +69,6 @@ pub fn run(setup: &ServiceSetup, config: &RecorderConfig) -> Result<(), Recorder
         health.failed(&participant, &error.to_string());
     }
     result
-}
-
-/// Writing is not on the way to a plan: on few cores it must not take one from those who are.
-fn give_way() {
-    if let Err(error) = rustix::process::setpriority_process(None, NICENESS) {
-        tracing::warn!(%error, "the recorder keeps the priority of the others");
-    }
 }
 
 fn record(

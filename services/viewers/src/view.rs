@@ -193,7 +193,9 @@ impl View {
                 self.change(&[PATH, DOTS_PATH]);
             }
             "information_map" => {
-                if any.downcast_ref::<MapMeta>().is_some_and(|meta| self.state.tiles.keep(meta, cast(items))) {
+                let has_changed =
+                    any.downcast_ref::<MapMeta>().is_some_and(|meta| self.state.tiles.keep(meta, cast(items)));
+                if has_changed {
                     self.change(&[GRID, DOTS_MAP]);
                 }
             }

@@ -118,7 +118,8 @@ fn work_rows(data: &RunData, after: u32, params: &BTreeMap<String, Value>) -> Ve
 
 /// What every process uses for a scan.
 fn process_rows(data: &RunData, after: u32, params: &BTreeMap<String, Value>) -> Vec<Row> {
-    let figures: [(&str, &str, fn(&ScanUsage) -> f64); 5] = [
+    type Figure = (&'static str, &'static str, fn(&ScanUsage) -> f64);
+    let figures: [Figure; 5] = [
         ("cpu", "ms", |u| u.used.cpu_ns as f64 / 1e6),
         ("minor_faults", "1", |u| u.used.minor_faults as f64),
         ("major_faults", "1", |u| u.used.major_faults as f64),
