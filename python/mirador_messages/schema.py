@@ -943,7 +943,7 @@ class PoseEstimate(Record):
         ("map_from_scanner", ctypes.c_double * 16),
         # Its 6x6 covariance, translation before rotation, perturbation on the right, in the scanner's frame, row-major; all zero when unknown.
         ("covariance", ctypes.c_double * 36),
-        # 0 recorded, 1 localisation, 2 constant motion.
+        # Who says it: 0 recorded, in any fixed frame, `POSE_FROM_LOCALIZATION` in the map as alignment has it, 2 constant motion.
         ("source", ctypes.c_uint32),
         # 1 while localisation does not know where it is.
         ("lost", ctypes.c_uint32),
@@ -1138,6 +1138,8 @@ SCAN_HAS_PRIOR = 1
 SCAN_REQUEST_TAKE = 0
 # Send the named scan of this run once more; who has finished it ignores it.
 SCAN_REQUEST_RESEND = 1
+# The pose is localisation's, which hears where scans were aligned: it is in the map.
+POSE_FROM_LOCALIZATION = 1
 # The first scan: it defines the map.
 ALIGNMENT_FIRST = 0
 # Aligned to an earlier scan.
