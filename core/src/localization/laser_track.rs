@@ -16,8 +16,9 @@ const SHORTEST_S: f64 = 0.15;
 const LONGEST_S: f64 = 1.0;
 /// A lag shorter than this does not count [m].
 const LEAST_LAG_M: f64 = 0.03;
-/// So many pieces in a row must show a lag.
+/// So many pieces in a row must show a lag, and after so many that show nothing the wheels are believed again.
 const LAGS: u32 = 2;
+const UNTOLD: u32 = 4;
 
 /// The wheels turn, but the robot does not go with them.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,6 +46,8 @@ pub(super) struct LaserTrack {
     /// Pieces in a row over which the robot has lagged behind, and by how much over the first.
     lags: u32,
     first_shift: Vector3<f64>,
+    /// Pieces in a row over which the sweeps did not fit.
+    untold: u32,
 }
 
 impl LaserTrack {
@@ -55,7 +58,7 @@ impl LaserTrack {
 
     /// The estimate has jumped: what is told next begins here.
     pub fn forget(&mut self) {
-        self.beginning = None;
+        *self = Self::default();
     }
 
     /// What the wheels have gone [m].
@@ -89,10 +92,11 @@ impl LaserTrack {
             let velocity = in_map(Vector3::new(way.x, way.y, 0.0)) / seconds;
             lags.then(|| Slip { shift: in_map(shift), velocity })
         });
-        if !may_tell {
+        // Sweeps that do not fit say nothing, neither for a slip nor against it; not for ever.
+        self.untold = if seen.is_some() { 0 } else { self.untold.saturating_add(1) };
+        if !may_tell || self.untold >= UNTOLD {
             self.lags = 0;
         }
-        // Sweeps that do not fit say nothing, neither for a slip nor against it.
         let told = seen.and_then(|slip| self.believe(slip));
         let mut here = *map_from_robot;
         here.translation.vector += told.map_or_else(Vector3::zeros, |slip| slip.shift);
@@ -137,4 +141,71 @@ fn lags(beginning: &Beginning, then_from_now: &Pose, shift: &Shift, config: &Las
     let doubt = 3.0 * shift.covariance[(0, 0)].max(0.0).sqrt();
     let behind = claimed.abs() - gone;
     behind > LEAST_LAG_M + doubt && behind > config.slip_share * claimed.abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall across the way, seen from this far, or nothing at all.
+    fn sweep(seconds: f64, wall: Option<f64>) -> SweepSample {
+        let (first_angle, angle_step) = (-1.2, 0.01);
+        let range =
+            |beam: usize| wall.map_or(f32::NAN, |x| (x / (first_angle + angle_step * beam as f64).cos()) as f32);
+        // Something to the left, too, that tells how far it is aside.
+        let side = |beam: usize| (2.0 / (first_angle + angle_step * beam as f64).sin()) as f32;
+        let seen = |beam: usize| if wall.is_some() && beam > 200 { range(beam).min(side(beam)) } else { range(beam) };
+        let stamp_ns = (seconds * 1e9) as i64;
+        SweepSample {
+            stamp_ns,
+            first_angle,
+            angle_step,
+            mount_xyz: [0.5, 0.0, 0.4],
+            mount_yaw: 0.0,
+            ranges: (0..240).map(seen).collect(),
+        }
+    }
+
+    /// Hears a sweep every 0.4 s, over which the wheels have gone 0.12 m and the estimate with them.
+    fn hear(track: &mut LaserTrack, k: u32, wall: Option<f64>) -> Option<Slip> {
+        track.wheels(0.12);
+        let at = Pose::translation(0.12 * f64::from(k), 0.0, 0.0);
+        track.hear(&sweep(0.4 * f64::from(k), wall), &at, &LaserModel::default())
+    }
+
+    #[test]
+    fn two_pieces_without_motion_are_a_slip_and_motion_ends_it() {
+        let mut track = LaserTrack::default();
+        assert_eq!((0..2).filter_map(|k| hear(&mut track, k, Some(3.0))).count(), 0, "one piece may err");
+        let slip = hear(&mut track, 2, Some(3.0)).unwrap();
+        assert!(track.is_slipping() && slip.velocity.norm() < 0.02, "{slip:?}");
+        assert!((slip.shift.x + 0.24).abs() < 0.02, "both pieces are taken back: {slip:?}");
+        // From where it was put back it goes on with its wheels.
+        let at = Pose::translation(0.12, 0.0, 0.0);
+        track.wheels(0.12);
+        assert_eq!(track.hear(&sweep(1.2, Some(2.88)), &at, &LaserModel::default()), None);
+        assert!(!track.is_slipping());
+    }
+
+    #[test]
+    fn a_slip_is_forgotten_when_the_estimate_jumps_and_when_the_laser_has_seen_nothing_for_a_while() {
+        let slipping = || {
+            let mut track = LaserTrack::default();
+            for k in 0..3 {
+                hear(&mut track, k, Some(3.0));
+            }
+            assert!(track.is_slipping());
+            track
+        };
+        let mut track = slipping();
+        track.forget();
+        assert!(!track.is_slipping());
+        let mut track = slipping();
+        assert_eq!(hear(&mut track, 3, None), None);
+        assert!(track.is_slipping(), "one sweep of nothing says nothing");
+        for k in 4..8 {
+            hear(&mut track, k, None);
+        }
+        assert!(!track.is_slipping());
+    }
 }

@@ -171,9 +171,11 @@ impl Localizer {
         self.intake.push(Reading::Magnetic(sample));
     }
 
-    /// Takes a sweep of the level laser in; it counts when its time has come.
+    /// Takes a sweep of the level laser in, if such count; it does when its time has come.
     pub fn sweep(&mut self, sample: SweepSample) {
-        self.intake.push(Reading::Sweep(sample));
+        if self.config.laser.is_used {
+            self.intake.push(Reading::Sweep(sample));
+        }
     }
 
     /// Lets time pass up to a moment; every reading up to it counts.
@@ -328,8 +330,8 @@ impl Localizer {
             Reading::Wheels(sample) => self.use_wheels(sample),
             Reading::Gnss(sample) if self.config.gnss.is_used => self.use_gnss(sample),
             Reading::Magnetic(sample) if self.config.magnetometer.is_used => self.use_magnetometer(sample),
-            Reading::Sweep(sample) if self.config.laser.is_used => self.use_sweep(sample),
-            Reading::Gnss(_) | Reading::Magnetic(_) | Reading::Sweep(_) => {}
+            Reading::Sweep(sample) => self.use_sweep(sample),
+            Reading::Gnss(_) | Reading::Magnetic(_) => {}
         }
     }
 
