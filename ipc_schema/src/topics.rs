@@ -253,6 +253,9 @@ topics! {
     /// What navigation does.
     NavigationStatus = "navigation_status" from "navigation": Envelope [NavigationStatus; Fixed(1)],
         pub 1 sub 6 buffer 8 borrowed 2 history 1 loaned 1 DROP;
+    /// Where something held the robot.
+    Obstructions = "obstructions" from "navigation": Envelope [Obstruction; Fixed(1)],
+        pub 1 sub 4 buffer 32 borrowed 2 history 32 loaned 1 WAIT;
     /// State of the robot as a whole.
     RobotState = "robot_state" from "simulator": Envelope [RobotState; Fixed(1)],
         pub 1 sub 6 buffer 64 borrowed 2 history 1 loaned 1 DROP;

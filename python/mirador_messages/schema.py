@@ -994,6 +994,23 @@ class NavigationStatus(Record):
     ]
 
 
+class Obstruction(Record):
+    """Where something held the robot that the map shows nothing of: told before the scan that is taken there."""
+
+    TYPE_NAME = "mirador/Obstruction/1"
+    SIZE = 32
+    _fields_ = [
+        # Centre of a disc that the robot cannot get into [m, map frame].
+        ("centre", ctypes.c_double * 2),
+        # Its radius [m].
+        ("radius", ctypes.c_double),
+        # Number of the scan after which it happened.
+        ("scan", ctypes.c_uint32),
+        # Not used.
+        ("reserved", ctypes.c_uint32),
+    ]
+
+
 class RobotState(Record):
     """The state of the robot as a whole: the last message of a control step, when all that its sensors have said up to the stamp is sent."""
 
@@ -1118,6 +1135,7 @@ TOPICS = {
         Topic("pose", Envelope, PoseEstimate, "bff082ad8dd47225", "drop", 1),
         Topic("motion_command", Envelope, MotionCommand, "c5afa13805077eec", "drop", 1),
         Topic("navigation_status", Envelope, NavigationStatus, "4159a62cb7c7ce6b", "drop", 1),
+        Topic("obstructions", Envelope, Obstruction, "baca12d5f2658e58", "wait", 1),
         Topic("robot_state", Envelope, RobotState, "3ccceb3749f1ab60", "drop", 1),
         Topic("service_health", Envelope, ServiceHealth, "1a7cbb70588c7fe6", "supersede", 1),
     ]

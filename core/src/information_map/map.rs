@@ -6,6 +6,7 @@ use super::config::{MapConfig, MapConfigError};
 use super::evidence::Change;
 use super::index::{CellIndex, TileIndex};
 use super::navigability::CellState;
+use super::obstructions::Obstruction;
 use super::projection::{Projection, Sorter};
 use super::scan_evidence::ScanEvidence;
 use super::tile::Tile;
@@ -25,6 +26,7 @@ pub struct InformationMap {
     pub(super) tiles: Vec<Tile>,
     pub(super) slots: BTreeMap<TileIndex, usize>,
     pub(super) zones: ZoneList,
+    obstructions: Vec<Obstruction>,
     pub(super) sorter: Sorter,
     pub(super) threads: usize,
 }
@@ -42,6 +44,7 @@ impl InformationMap {
             tiles: Vec::new(),
             slots: BTreeMap::new(),
             zones: ZoneList::default(),
+            obstructions: Vec::new(),
             sorter: Sorter::default(),
             threads: 1,
         })
@@ -65,7 +68,7 @@ impl InformationMap {
         self.config.cell_m
     }
 
-    /// Counted up by one for every scan added, moved or taken away and every update of the zones; 0 for an empty map.
+    /// Counted up by one for every scan added, moved or taken away, every update of the zones and every obstruction; 0 for an empty map.
     #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision
@@ -231,6 +234,22 @@ impl InformationMap {
         }))
     }
 
+    /// Notes where something held the robot. Returns whether that is new; what cannot be an obstruction is not noted.
+    pub fn obstruct(&mut self, obstruction: Obstruction) -> bool {
+        let is_new = obstruction.is_usable() && !self.obstructions.contains(&obstruction);
+        if is_new {
+            self.obstructions.push(obstruction);
+            self.revision += 1;
+        }
+        is_new
+    }
+
+    /// Where something held the robot, the oldest first.
+    #[must_use]
+    pub fn obstructions(&self) -> &[Obstruction] {
+        &self.obstructions
+    }
+
     /// The zones of interest not yet seen face on.
     #[must_use]
     pub fn zones(&self) -> &[Zone] {
@@ -281,6 +300,7 @@ impl PartialEq for InformationMap {
         let known = |map: &Self| map.tiles().filter(|tile| tile.known_cells().next().is_some()).count();
         self.config == other.config
             && self.zones == other.zones
+            && self.obstructions == other.obstructions
             && known(self) == known(other)
             && self
                 .tiles()

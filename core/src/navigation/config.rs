@@ -158,11 +158,21 @@ pub struct RecoveryConfig {
     pub back_up_speed: f64,
     /// After so many attempts the target is given up, 0 to 100.
     pub attempts: u32,
+    /// Then the map is told to keep away from a disc of this radius where something held the robot [m], 0.05 to 2.
+    pub obstruction_radius_m: f64,
 }
 
 impl Default for RecoveryConfig {
     fn default() -> Self {
-        Self { stuck_s: 3.0, stuck_share: 0.2, blocked_s: 4.0, back_up_m: 0.6, back_up_speed: 0.2, attempts: 1 }
+        Self {
+            stuck_s: 3.0,
+            stuck_share: 0.2,
+            blocked_s: 4.0,
+            back_up_m: 0.6,
+            back_up_speed: 0.2,
+            attempts: 1,
+            obstruction_radius_m: 0.3,
+        }
     }
 }
 
@@ -248,6 +258,7 @@ impl NavigationConfig {
             ("recovery.blocked_s", recovery.blocked_s, 0.0, 600.0),
             ("recovery.back_up_m", recovery.back_up_m, 0.0, 10.0),
             ("recovery.back_up_speed", recovery.back_up_speed, 0.02, 1.0),
+            ("recovery.obstruction_radius_m", recovery.obstruction_radius_m, 0.05, 2.0),
             ("recovery.attempts", f64::from(recovery.attempts), 0.0, 100.0),
             ("watch.silence_s", watch.silence_s, 0.1, 1.0),
             ("watch.max_messages_per_s", f64::from(watch.max_messages_per_s), 10.0, 1e5),

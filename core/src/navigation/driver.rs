@@ -3,12 +3,14 @@
 use nalgebra::{Vector2, Vector3};
 
 use super::config::NavigationConfig;
+use super::give_up::GiveUp;
 use super::obstacles::{Surroundings, Way};
-use super::path::{Path, PathError};
+use super::path::Path;
 use super::progress::{Progress, Trail};
 use super::pursuit::{Aim, Pursuit};
 use super::watch::SensorFault;
 use crate::geometry::Pose;
+use crate::information_map::Obstruction;
 
 /// Longest control step that counts [s]: a longer pause was none of the robot's.
 const LONGEST_STEP_S: f64 = 0.2;
@@ -16,6 +18,8 @@ const LONGEST_STEP_S: f64 = 0.2;
 const CAREFUL_SPEED: f64 = 0.2;
 /// How far from the obstacle, beyond the gap that is kept, the robot counts as stopped by it [m].
 const STOPPED_M: f64 = 0.05;
+/// Leaning so much more than when the ground began to look as if it fell away is proof that it does [deg].
+const EDGE_TILT_DEG: f64 = 4.0;
 /// How long a lost localisation is waited for [s].
 const LOST_S: f64 = 3.0;
 
@@ -30,50 +34,6 @@ pub struct RobotNow {
     pub linear: f64,
     /// Whether localisation does not know where it is.
     pub is_lost: bool,
-}
-
-/// Why a target is given up.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum GiveUp {
-    /// The path is none.
-    #[error("{0}")]
-    NoPath(PathError),
-    /// Something stands in the way and does not go away.
-    #[error("blocked: an obstacle {gap_m:.2} m in front")]
-    Blocked {
-        /// Free way in front of the robot [m].
-        gap_m: f64,
-    },
-    /// The ground falls away in front.
-    #[error("blocked: the ground falls away in front")]
-    Edge,
-    /// The wheels turn, but the robot does not get on.
-    #[error("stuck: the wheels turn, but the robot does not get on")]
-    Stuck,
-    /// It is too far from its path.
-    #[error("off the path by {off_m:.2} m")]
-    OffPath {
-        /// Distance from the path [m].
-        off_m: f64,
-    },
-    /// It leans so far that it may tip over.
-    #[error("in danger of tipping: it leans by {tilt_deg:.0} deg")]
-    Tilted {
-        /// Between its z axis and up [deg].
-        tilt_deg: f64,
-    },
-    /// Localisation does not know where the robot is.
-    #[error("localisation is lost")]
-    Lost,
-    /// It takes far too long.
-    #[error("not there after {seconds:.0} s")]
-    Timeout {
-        /// Time on this path [s].
-        seconds: f64,
-    },
-    /// A sensor stays away.
-    #[error("{0}")]
-    Sensor(SensorFault),
 }
 
 /// What the driver does.
@@ -125,10 +85,14 @@ pub struct Driver {
     /// Why it backs up, and how far it still has to [m].
     cause: Option<GiveUp>,
     back_left: f64,
-    /// Way driven since the ground began to look as if it fell away [m].
+    /// Way driven since the ground began to look as if it fell away [m], and how far the robot leant then [deg].
     falling: f64,
+    tilt_before_deg: f64,
     healthy_since_ns: Option<i64>,
     ahead: Vec<Vector2<f64>>,
+    /// What was asked of the drives last: forward and turning speed.
+    asked: [f64; 2],
+    obstruction: Option<Obstruction>,
 }
 
 impl Driver {
@@ -151,8 +115,11 @@ impl Driver {
             cause: None,
             back_left: 0.0,
             falling: 0.0,
+            tilt_before_deg: 0.0,
             healthy_since_ns: None,
             ahead: Vec::new(),
+            asked: [0.0; 2],
+            obstruction: None,
         }
     }
 
@@ -197,6 +164,11 @@ impl Driver {
         self.pursuit.off
     }
 
+    /// Where something held the robot, once the target is given up for it; once.
+    pub fn take_obstruction(&mut self) -> Option<Obstruction> {
+        self.obstruction.take()
+    }
+
     /// One control step.
     pub fn step(
         &mut self,
@@ -236,7 +208,7 @@ impl Driver {
         config: &NavigationConfig,
     ) -> [f64; 2] {
         if let Some(reason) = self.hopeless(now, config) {
-            return self.give_up(now, reason);
+            return self.give_up(now, reason, config);
         }
         if self.must_wait(now, fault, config) {
             return [0.0; 2];
@@ -306,7 +278,7 @@ impl Driver {
         let pose = &now.map_from_robot;
         let way = around.way(now.stamp_ns, pose, &ahead, &self.path, self.pursuit.along, &config.obstacles);
         self.ahead = ahead;
-        let stopped_by = self.stopped_by(&aim, &way, config);
+        let stopped_by = self.stopped_by(&aim, &way, tilt_deg, config);
         if let Some(reason) = stopped_by {
             return self.wait_for_way(now, reason, config);
         }
@@ -314,6 +286,7 @@ impl Driver {
             self.enter(now, DriveState::Driving);
         }
         let command = self.command(&aim, &way, step, config);
+        self.asked = command;
         if self.progress.is_stuck(now.stamp_ns, step, pose, command, &config.recovery) {
             return self.recover(now, GiveUp::Stuck, config);
         }
@@ -321,15 +294,17 @@ impl Driver {
     }
 
     /// What the robot must stop for, if it is to drive on.
-    fn stopped_by(&mut self, aim: &Aim, way: &Way, config: &NavigationConfig) -> Option<GiveUp> {
+    fn stopped_by(&mut self, aim: &Aim, way: &Way, tilt_deg: f64, config: &NavigationConfig) -> Option<GiveUp> {
         if !way.may_drop {
             self.falling = 0.0;
         } else if self.falling == 0.0 {
-            self.falling = 1e-6;
+            (self.falling, self.tilt_before_deg) = (1e-6, tilt_deg);
         }
         // Turning on the spot it goes nowhere.
         aim.curvature?;
-        if self.falling > config.obstacles.drop_m {
+        // Whoever begins to lean over where the ground may fall away has a wheel at the edge.
+        let leans_over = self.falling > 0.0 && tilt_deg > self.tilt_before_deg + EDGE_TILT_DEG;
+        if self.falling > config.obstacles.drop_m || leans_over {
             return Some(GiveUp::Edge);
         }
         let gap_m = way.gap.max(0.0);
@@ -356,7 +331,7 @@ impl Driver {
 
     fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
         if self.attempts >= config.recovery.attempts {
-            return self.give_up(now, reason);
+            return self.give_up(now, reason, config);
         }
         self.attempts += 1;
         self.cause = Some(reason);
@@ -397,7 +372,12 @@ impl Driver {
         [linear, angular]
     }
 
-    fn give_up(&mut self, now: &RobotNow, reason: GiveUp) -> [f64; 2] {
+    fn give_up(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
+        let contact = reason.contact(self.asked, &config.obstacles);
+        self.obstruction = contact.map(|contact| Obstruction {
+            centre: (now.map_from_robot * contact).xy().coords.into(),
+            radius_m: config.recovery.obstruction_radius_m,
+        });
         self.enter(now, DriveState::GaveUp(reason));
         [0.0; 2]
     }

@@ -1,11 +1,13 @@
 //! From scan to scan: request, wait for the plan, drive there, request the next.
 
 use super::config::NavigationConfig;
-use super::driver::{Drive, DriveState, Driver, GiveUp, RobotNow};
+use super::driver::{Drive, DriveState, Driver, RobotNow};
+use super::give_up::GiveUp;
 use super::obstacles::{Echo, LaserView, Surroundings};
 use super::path::Path;
 use super::watch::{SensorFault, Watch, WatchCounters};
 use crate::geometry::Pose;
+use crate::information_map::Obstruction;
 
 /// A scan that was asked for and does not begin is asked for again after this time [s].
 const ASK_AGAIN_S: f64 = 5.0;
@@ -166,6 +168,11 @@ impl Mission {
     #[must_use]
     pub fn last_give_up(&self) -> Option<GiveUp> {
         self.last_give_up
+    }
+
+    /// Where something held the robot since this was asked last.
+    pub fn take_obstruction(&mut self) -> Option<Obstruction> {
+        self.driver.as_mut().and_then(Driver::take_obstruction)
     }
 
     /// What is wrong with a sensor now.

@@ -7,6 +7,7 @@
 
 mod config;
 mod driver;
+mod give_up;
 mod mission;
 mod motion_sources;
 mod obstacles;
@@ -18,7 +19,8 @@ mod tests;
 mod watch;
 
 pub use config::{FollowConfig, NavigationConfig, ObstacleConfig, RecoveryConfig, WatchConfig};
-pub use driver::{Drive, DriveState, Driver, GiveUp, RobotNow};
+pub use driver::{Drive, DriveState, Driver, RobotNow};
+pub use give_up::GiveUp;
 pub use mission::{Decision, Mission, MissionState, MissionStep, RobotWord};
 pub use motion_sources::{Arbitration, Conditions, MotionSources, Reference, Refusal, Source, Standstill};
 pub use obstacles::{Echo, LaserView, Surroundings};

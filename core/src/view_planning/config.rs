@@ -154,8 +154,16 @@ pub struct PlanningConfig {
     pub normalisation: Normalisation,
     /// See [`Normalisation::Absolute`] [m^2], 0.01 to 10,000.
     pub zone_saturation_m2: f64,
-    /// No obstacle and no step may lie nearer than this to the robot's centre [m], 0 to 10.
+    /// No obstacle and no ground that is too steep may lie nearer than this to the robot's centre [m], 0 to 10.
     pub footprint_radius_m: f64,
+    /// No step down may lie nearer than this to the robot's centre [m], 0 to 10: the wheels of a robot that turns at the edge
+    /// of a deck or a bank reach as far as half its diagonal.
+    pub step_clearance_m: f64,
+    /// No ground of which nothing was ever seen may lie nearer than this to the robot's centre [m], 0 to 10: it may be hidden
+    /// because it falls away. 0 lets the robot go up to it.
+    pub hidden_clearance_m: f64,
+    /// Narrower gaps in what was seen are gaps between the scanner's rings, and do not count [m], 0 to 10.
+    pub hidden_width_m: f64,
     /// What must be under the footprint.
     pub footprint: FootprintRule,
     /// Beside obstacles, steps and cells that are known but not proven ground a metre costs more, up to this distance from
@@ -209,6 +217,9 @@ impl Default for PlanningConfig {
             normalisation: Normalisation::Absolute,
             zone_saturation_m2: 10.0,
             footprint_radius_m: 0.5,
+            step_clearance_m: 0.75,
+            hidden_clearance_m: 0.6,
+            hidden_width_m: 1.2,
             footprint: FootprintRule::Clear,
             clearance_m: 0.95,
             clearance_weight: 3.0,
@@ -283,6 +294,9 @@ impl PlanningConfig {
             ("least_information", self.least_information, 0.001, 1.0, ""),
             ("zone_saturation_m2", self.zone_saturation_m2, 0.01, 1e4, "m^2"),
             ("footprint_radius_m", self.footprint_radius_m, 0.0, 10.0, "m"),
+            ("step_clearance_m", self.step_clearance_m, 0.0, 10.0, "m"),
+            ("hidden_clearance_m", self.hidden_clearance_m, 0.0, 10.0, "m"),
+            ("hidden_width_m", self.hidden_width_m, 0.0, 10.0, "m"),
             ("clearance_m", self.clearance_m, 0.0, 10.0, "m"),
             ("clearance_weight", self.clearance_weight, 0.0, 100.0, ""),
             ("max_step_m", self.max_step_m, 0.0, 2.0, "m"),

@@ -29,8 +29,7 @@ fn ground(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> Opt
 
 /// Whether the ground of two neighbouring cells, both of which can be driven on, differs by more than the robot masters.
 fn is_step(map: &InformationMap, a: CellIndex, b: CellIndex, config: &PlanningConfig) -> bool {
-    let distance = 0.3 * f64::from((a.x - b.x).pow(2) + (a.y - b.y).pow(2)).sqrt();
-    let limit = config.max_step_m + distance * config.max_slope_deg.to_radians().tan();
+    let limit = config.max_step_m + distance(a, b) * config.max_slope_deg.to_radians().tan();
     let grounds = ground(map, a, config).zip(ground(map, b, config));
     grounds.is_some_and(|(a, b)| (a - b).abs() > limit)
 }
@@ -39,30 +38,76 @@ fn around(cell: CellIndex) -> impl Iterator<Item = CellIndex> {
     (-1..=1).flat_map(move |x| (-1..=1).map(move |y| CellIndex { x: cell.x + x, y: cell.y + y }))
 }
 
-/// Whether a neighbour lies lower by more than the robot masters.
-fn stands_over_a_step(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> bool {
-    let is_lower = |next: &CellIndex| ground(map, *next, config) < ground(map, cell, config);
-    around(cell).filter(is_lower).any(|next| is_step(map, cell, next, config))
+/// Height of the ground of a cell, whether or not it can be driven on.
+fn any_ground(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> Option<f64> {
+    let level = map.lowest_level(cell).filter(|level| level.evidence.has_ground());
+    ground(map, cell, config).or(level.map(|level| level.ground()))
 }
 
-/// Whether a robot from `situation` may be in this cell: proven ground clear of obstacles and steps, or its own surroundings.
+/// How far two cells are apart [m].
+fn distance(a: CellIndex, b: CellIndex) -> f64 {
+    0.3 * f64::from((a.x - b.x).pow(2) + (a.y - b.y).pow(2)).sqrt()
+}
+
+/// Whether the ground of a neighbour of a cell that can be driven on lies lower by more than the robot masters.
+fn stands_over_a_step(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> bool {
+    let Some(here) = ground(map, cell, config) else { return false };
+    let slope = config.max_slope_deg.to_radians().tan();
+    let is_far_below = |next: CellIndex| {
+        let limit = config.max_step_m + distance(cell, next) * slope;
+        any_ground(map, next, config).is_some_and(|there| here - there > limit)
+    };
+    around(cell).any(is_far_below)
+}
+
+/// Whether the ground on both sides of a cell differs by more than the steepest slope and half a step.
+fn is_steep(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> bool {
+    let slope = config.max_slope_deg.to_radians().tan();
+    let opposite = |side: CellIndex| CellIndex { x: 2 * cell.x - side.x, y: 2 * cell.y - side.y };
+    let differs = |side: CellIndex| {
+        let limit = 0.5 * config.max_step_m + distance(side, opposite(side)) * slope;
+        let heights = any_ground(map, side, config).zip(any_ground(map, opposite(side), config));
+        heights.is_some_and(|(a, b)| (a - b).abs() > limit)
+    };
+    any_ground(map, cell, config).is_some() && around(cell).any(differs)
+}
+
+/// Whether ground of which nothing was ever seen lies too near: a disc of it as wide as gaps may be, within the clearance.
+fn is_near_hidden_ground(map: &InformationMap, cell: CellIndex, start: CellIndex, config: &PlanningConfig) -> bool {
+    let gap_m = 0.5 * config.hidden_width_m;
+    let is_seen =
+        |at: CellIndex| map.state(at) != CellState::Unknown || distance(at, start) <= config.start_clearance_m;
+    let within = |middle: CellIndex, radius_m: f64| {
+        let reach = (radius_m / 0.3).floor() as i32;
+        let square = (-reach..=reach).flat_map(move |x| (-reach..=reach).map(move |y| (middle.x + x, middle.y + y)));
+        square.map(|(x, y)| CellIndex { x, y }).filter(move |&at| distance(at, middle) <= radius_m)
+    };
+    within(cell, gap_m + config.hidden_clearance_m).any(|middle| !within(middle, gap_m).any(is_seen))
+}
+
+/// Whether a robot from `situation` may be in this cell: proven ground clear of obstacles, steep ground and steps, or its
+/// own surroundings.
 fn may_be_in(map: &InformationMap, cell: CellIndex, situation: &Situation, config: &PlanningConfig) -> bool {
     let is_obstacle = |cell| matches!(map.state(cell), CellState::Known(c) if c < config.sight_threshold);
     let robot = situation.map_from_robot.translation.vector;
     let start = map.cell_containing(robot.x, robot.y).unwrap();
-    let distance = |a: CellIndex, b: CellIndex| 0.3 * f64::from((a.x - b.x).pow(2) + (a.y - b.y).pow(2)).sqrt();
     if cell == start || (distance(cell, start) <= config.start_clearance_m && !is_obstacle(cell)) {
         return true;
     }
     let is_proven = |cell| matches!(map.state(cell), CellState::Known(c) if c > config.navigable_threshold);
     let may_be_under = |near| match config.footprint {
-        FootprintRule::Clear => !is_obstacle(near) && !stands_over_a_step(map, near, config),
-        FootprintRule::Verified => is_proven(near) && !stands_over_a_step(map, near, config),
+        FootprintRule::Clear => !is_obstacle(near) && !is_steep(map, near, config),
+        FootprintRule::Verified => is_proven(near) && !is_steep(map, near, config),
+    };
+    if is_near_hidden_ground(map, cell, start, config) {
+        return false;
+    }
+    let may_be_near = |near| {
+        (distance(near, cell) > config.footprint_radius_m || may_be_under(near))
+            && (distance(near, cell) > config.step_clearance_m || !stands_over_a_step(map, near, config))
     };
     let mut around = (-3..=3).flat_map(|x| (-3..=3).map(move |y| CellIndex { x: cell.x + x, y: cell.y + y }));
-    is_proven(cell)
-        && around.all(|near| distance(near, cell) > config.footprint_radius_m || may_be_under(near))
-        && config.is_in_work_area(map.centre_of(cell))
+    is_proven(cell) && around.all(may_be_near) && config.is_in_work_area(map.centre_of(cell))
 }
 
 pub(super) fn check_plan(plan: &ViewPlan, map: &InformationMap, situation: &Situation, config: &PlanningConfig) {

@@ -70,7 +70,7 @@ pub(super) fn add_groups(
     choose: impl Fn(&[usize]) -> usize,
 ) -> Vec<usize> {
     let mut places = Vec::new();
-    for group in groups(survey) {
+    for group in groups(survey, config) {
         let at = choose(&group);
         match check(survey, &group, at, visited, config) {
             Ok(cost) => {
@@ -123,15 +123,14 @@ fn middle(survey: &Survey, group: &[usize]) -> usize {
     group.iter().copied().min_by_key(distance).unwrap_or_default()
 }
 
-/// The groups of frontier cells (reachable, beside an unexplored cell) that touch each other, in a fixed order.
-pub(super) fn groups(survey: &Survey) -> Vec<Vec<usize>> {
+/// The groups of frontier cells (reachable, and as near to unexplored ground as the robot may go) that touch each other, in a
+/// fixed order.
+pub(super) fn groups(survey: &Survey, config: &PlanningConfig) -> Vec<Vec<usize>> {
     let grid = &survey.grid;
+    let brink = grid.brink(config);
     let width = grid.width as isize;
     let around = [1, -1, width, -width, width + 1, width - 1, -width + 1, -width - 1];
-    let is_frontier = |at: usize| {
-        let is_open = |offset: &isize| grid.has(&grid.unexplored, at.wrapping_add_signed(*offset));
-        survey.check(at).is_ok() && around.iter().any(is_open)
-    };
+    let is_frontier = |at: usize| survey.check(at).is_ok() && grid.has(&brink, at);
     // Ground that can be driven on keeps a margin to the edge of the grid, so neighbours always exist.
     let mut open = vec![false; grid.len()];
     for at in grid.navigable.ones() {

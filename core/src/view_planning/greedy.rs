@@ -122,7 +122,7 @@ fn unscanned(stage: &Stage<'_>, visited: &Visited, plan: &mut ViewPlan) -> Optio
 /// Ground outside the spacing of every visited place, as long as there is a frontier to be found.
 fn unvisited(stage: &Stage<'_>, visited: &Visited, plan: &mut ViewPlan) -> Option<usize> {
     let survey = stage.survey();
-    if !groups(survey).iter().any(|group| group.len() >= stage.config.frontier_min_cells) {
+    if !groups(survey, stage.config).iter().any(|group| group.len() >= stage.config.frontier_min_cells) {
         return None;
     }
     let is_new = |at: usize| !visited.is_near(survey.grid.centre(at), stage.config.spacing_m);

@@ -3,11 +3,11 @@
 
 use super::bits::{BitPlane, WORD};
 use super::config::{FootprintRule, PlanningConfig};
-use super::steps::{StepLimits, across};
+use super::relief::{Patch, ReliefLimits};
 use super::sweep::Blocking;
 use super::tile_digest::{SIDE, TileDigest};
 use super::tiles::{TileCache, TileWindow};
-use crate::information_map::{CellIndex, InformationMap, TILE_SIDE};
+use crate::information_map::{CellIndex, InformationMap, Obstruction, TILE_SIDE};
 use nalgebra::Point3;
 
 /// The window of a plan: the ground that candidates and paths may use, and the scanner's range around it, so that no
@@ -25,7 +25,7 @@ pub(super) struct PlanningGrid {
     /// Slots of the tiles of the window.
     table: Vec<u32>,
     /// What the planes were laid out for.
-    laid_out: Option<(Extent, PlanningConfig)>,
+    laid_out: Option<(Extent, PlanningConfig, Vec<Obstruction>)>,
     /// C_nc under the sight threshold: blocks the view, is an obstacle. Rows of constant y.
     pub blocks: BitPlane,
     /// The same, rows of constant x.
@@ -38,11 +38,18 @@ pub(super) struct PlanningGrid {
     pub navigable: BitPlane,
     /// In the work area.
     pub area: BitPlane,
-    /// Cells at a step: the ground of a neighbour, or their own, lies lower than the robot masters.
+    /// Cells that can be driven on at a step: the ground of a neighbour, or their own, lies lower than the robot masters.
     pub steps: BitPlane,
-    /// The footprint would touch an obstacle or a step, or what its rule forbids.
+    /// Cells with steep ground.
+    steep: BitPlane,
+    /// Cells in which something held the robot.
+    pub held: BitPlane,
+    /// Cells near ground that was never seen, wider than the gaps between the scanner's rings.
+    hidden: BitPlane,
+    /// The footprint would touch an obstacle, steep ground, a step, hidden ground or what held the robot, or what its rule
+    /// forbids.
     pub cramped: BitPlane,
-    /// So near to an obstacle, a step or known ground that is not proven that a metre costs more: all such cells, and those in
+    /// So near to an obstacle, steep ground, a step or known ground that is not proven that a metre costs more: all such cells, and those in
     /// the inner half of the way to the clearance asked for.
     pub beside: BitPlane,
     pub close_beside: BitPlane,
@@ -66,7 +73,8 @@ impl Extent {
         let here = map.cell_containing(robot.x, robot.y)?;
         let cells = |metres: f64| (metres / map.cell_m()).ceil() as i32;
         let reach = cells(reach_m.max(config.start_clearance_m));
-        let margin = cells(config.scanner.range_m).max(cells(config.footprint_radius_m)) + 2;
+        let around = config.footprint_radius_m.max(config.step_clearance_m);
+        let margin = cells(config.scanner.range_m).max(cells(around)) + 2;
         let tiles = |low: i32, high: i32| {
             let (first, last) = (low.div_euclid(TILE_SIDE), high.div_euclid(TILE_SIDE));
             // Whole words of cells, which a row of four tiles is.
@@ -89,7 +97,11 @@ impl PlanningGrid {
     /// Lays out the window, unless that is done. `config` is without preferences. Returns whether anything the layout
     /// depends on has changed since the last call.
     pub fn lay_out(&mut self, map: &InformationMap, extent: &Extent, config: &PlanningConfig, threads: usize) -> bool {
-        let is_same = self.laid_out.as_ref().is_some_and(|(of, with)| of == extent && with == config);
+        let obstructions = map.obstructions();
+        let is_layout = |(of, with, among): &(Extent, PlanningConfig, Vec<Obstruction>)| {
+            of == extent && with == config && among == obstructions
+        };
+        let is_same = self.laid_out.as_ref().is_some_and(is_layout);
         self.window = extent.window;
         (self.width, self.height) = (extent.window.cols * SIDE, extent.window.rows * SIDE);
         self.cell_m = map.cell_m();
@@ -99,11 +111,14 @@ impl PlanningGrid {
         }
         self.mark_area(config);
         self.gather();
-        self.mark_steps(config);
+        self.mark_hidden(extent, config);
+        self.leave_out_what_is_outside();
+        self.mark_held(obstructions);
+        self.mark_relief(config);
         self.mark_beside(config);
         self.keep_near(extent);
         self.mark_cramped(config);
-        self.laid_out = Some((*extent, config.clone()));
+        self.laid_out = Some((*extent, config.clone(), obstructions.to_vec()));
         true
     }
 
@@ -144,22 +159,96 @@ impl PlanningGrid {
                 self.navigable.or_sixteen(first_row + k, group, digest.navigable[k]);
             }
         }
-        self.unexplored.reset(height, stride, 0);
+        self.blocks_by_column.reset(self.width, height / WORD, 0);
+        self.blocks.or_transposed_into(&mut self.blocks_by_column);
+    }
+
+    /// Marks what lies near ground that nothing was ever seen of, and which is so wide that it may be hidden because it falls
+    /// away. Under the scanner, where it cannot look, the robot stands.
+    fn mark_hidden(&mut self, extent: &Extent, config: &PlanningConfig) {
+        let (gap, clearance) = (0.5 * config.hidden_width_m / self.cell_m, config.hidden_clearance_m / self.cell_m);
+        if clearance <= 0.0 {
+            return self.hidden.reset(self.height, self.width / WORD, 0);
+        }
+        self.scratch.stride = self.known.stride;
+        self.scratch.words.clone_from(&self.known.words);
+        let robot = &extent.robot;
+        self.for_each_cell_within([robot.x, robot.y], config.start_clearance_m, |grid, row, bit| {
+            grid.scratch.set(row, bit)
+        });
+        self.scratch.words.iter_mut().for_each(|word| *word = !*word);
+        spread_wide_parts(&mut self.scratch, gap, clearance, &mut self.hidden);
+    }
+
+    /// Cells at ground of the work area of which nothing was ever seen: beside it, and those that the robot cannot go nearer
+    /// than to ground that may be hidden.
+    pub fn brink(&self, config: &PlanningConfig) -> BitPlane {
+        let (gap, clearance) = (0.5 * config.hidden_width_m / self.cell_m, config.hidden_clearance_m / self.cell_m);
+        let mut brink = BitPlane::default();
+        self.unexplored.dilate_into(std::f64::consts::SQRT_2, &mut brink);
+        if clearance > 0.0 {
+            let (mut unexplored, mut near_wide) = (self.unexplored.clone(), BitPlane::default());
+            spread_wide_parts(&mut unexplored, gap, clearance, &mut near_wide);
+            near_wide.dilate_into(std::f64::consts::SQRT_2, &mut unexplored);
+            brink.words.iter_mut().zip(&unexplored.words).for_each(|(brink, near)| *brink |= near);
+        }
+        brink
+    }
+
+    /// Outside the work area nothing is looked for.
+    fn leave_out_what_is_outside(&mut self) {
+        self.unexplored.reset(self.height, self.width / WORD, 0);
         let known = self.known.words.iter_mut().zip(&mut self.unexplored.words);
         for ((known, unexplored), area) in known.zip(&self.area.words) {
             *unexplored = !*known & area;
             *known &= area;
         }
-        self.blocks_by_column.reset(self.width, height / WORD, 0);
-        self.blocks.or_transposed_into(&mut self.blocks_by_column);
+    }
+
+    /// Calls `visit` with row and bit of every cell of the window whose centre lies within a distance of a place.
+    fn for_each_cell_within(
+        &mut self,
+        [x, y]: [f64; 2],
+        radius_m: f64,
+        mut visit: impl FnMut(&mut Self, usize, usize),
+    ) {
+        let (corner, cell_m) = (self.corner(), self.cell_m);
+        let cells = |middle: f64, corner: i32, count: usize| {
+            let [low, high] =
+                [middle - radius_m, middle + radius_m].map(|end| (end / cell_m).floor() - f64::from(corner));
+            low.max(0.0) as usize..(high + 1.0).clamp(0.0, count as f64) as usize
+        };
+        for row in cells(y, corner.y, self.height) {
+            for bit in cells(x, corner.x, self.width) {
+                let [cell_x, cell_y] = self.centre(row * self.width + bit);
+                if (cell_x - x).hypot(cell_y - y) <= radius_m {
+                    visit(self, row, bit);
+                }
+            }
+        }
+    }
+
+    /// What held the robot cannot be driven on, whatever was seen there.
+    fn mark_held(&mut self, obstructions: &[Obstruction]) {
+        self.held.reset(self.height, self.width / WORD, 0);
+        for obstruction in obstructions {
+            let Obstruction { centre, radius_m } = *obstruction;
+            self.for_each_cell_within(centre, radius_m, |grid, row, bit| grid.held.set(row, bit));
+        }
+        for (navigable, held) in self.navigable.words.iter_mut().zip(&self.held.words) {
+            *navigable &= !held;
+        }
     }
 
     /// Marks the ground that is left to be driven on only where there is no other.
     fn mark_beside(&mut self, config: &PlanningConfig) {
         self.scratch.stride = self.blocks.stride;
         self.scratch.words.clear();
-        let planes = self.known.words.iter().zip(&self.navigable.words).zip(&self.steps.words);
-        self.scratch.words.extend(planes.map(|((known, navigable), steps)| (known & !navigable) | steps));
+        let relief = self.steps.words.iter().zip(&self.steep.words).zip(&self.held.words);
+        let planes = self.known.words.iter().zip(&self.navigable.words).zip(relief);
+        let kept_from =
+            planes.map(|((known, navigable), ((steps, steep), held))| (known & !navigable) | steps | steep | held);
+        self.scratch.words.extend(kept_from);
         let inner = 0.5 * (config.footprint_radius_m.min(config.clearance_m) + config.clearance_m);
         self.scratch.dilate_into(config.clearance_m / self.cell_m, &mut self.beside);
         self.scratch.dilate_into(inner / self.cell_m, &mut self.close_beside);
@@ -190,78 +279,44 @@ impl PlanningGrid {
         }
     }
 
-    /// Marks the cells at a step: those that tiles know of, and those across the borders of tiles.
-    fn mark_steps(&mut self, config: &PlanningConfig) {
-        let limits = StepLimits::new(config, self.cell_m);
-        let mut steps = std::mem::take(&mut self.steps);
-        steps.reset(self.height, self.width / WORD, 0);
+    /// Marks the cells at a step and those with steep ground.
+    fn mark_relief(&mut self, config: &PlanningConfig) {
+        let limits = ReliefLimits::new(config, self.cell_m);
+        let mut planes = [&mut self.steps, &mut self.steep].map(std::mem::take);
+        for plane in &mut planes {
+            plane.reset(self.height, self.width / WORD, 0);
+        }
+        let [steps, steep] = &mut planes;
         for (place, &slot) in self.table.iter().enumerate() {
-            let (group, tile_row) = (place % self.window.cols, place / self.window.cols);
             let Some(digest) = self.tiles.digest(slot) else { continue };
-            let (x, y) = (group * SIDE, tile_row * SIDE);
-            for (k, &bits) in digest.steps.iter().enumerate() {
-                steps.or_sixteen(y + k, group, bits);
-            }
-            const LAST: usize = SIDE - 1;
-            if let Some(above) = self.tile(group, tile_row + 1) {
-                let (here, there) = across(digest.row(LAST), above.row(0), &limits);
-                steps.or_sixteen(y + LAST, group, here);
-                steps.or_sixteen(y + SIDE, group, there);
-            }
-            if let Some(beside) = self.tile(group + 1, tile_row) {
-                let (mut of_here, mut of_there) = ([0.0; SIDE], [0.0; SIDE]);
-                let (here, there) = across(digest.column(LAST, &mut of_here), beside.column(0, &mut of_there), &limits);
-                for k in 0..SIDE {
-                    steps.or_sixteen(y + k, group, (here >> k & 1) << LAST);
-                    steps.or_sixteen(y + k, group + 1, there >> k & 1);
-                }
-            }
-            let mut corner = |a: [usize; 2], b: [usize; 2]| {
-                if let Some([a_is_higher, b_is_higher]) = self.corner_step(a, b, limits.diagonal) {
-                    let [[ax, ay], [bx, by]] = [a, b];
-                    if a_is_higher {
-                        steps.set(ay, ax);
-                    }
-                    if b_is_higher {
-                        steps.set(by, bx);
-                    }
-                }
-            };
-            corner([x + LAST, y + LAST], [x + SIDE, y + SIDE]);
-            if x > 0 {
-                corner([x, y + LAST], [x - 1, y + SIDE]);
+            let (group, tile_row) = (place % self.window.cols, place / self.window.cols);
+            let patch = Patch::of(self, group, tile_row);
+            let (over, steep_rows) = (patch.over_steps(&limits), patch.steep(&limits));
+            for row in 0..SIDE {
+                steps.or_sixteen(tile_row * SIDE + row, group, over[row] & digest.navigable[row] | digest.uneven[row]);
+                steep.or_sixteen(tile_row * SIDE + row, group, steep_rows[row]);
             }
         }
-        self.steps = steps;
+        [self.steps, self.steep] = planes;
     }
 
-    /// Which of two cells that can be driven on stands over the other by more than a limit.
-    fn corner_step(&self, [ax, ay]: [usize; 2], [bx, by]: [usize; 2], limit: f32) -> Option<[bool; 2]> {
-        let ground = |x: usize, y: usize| {
-            let digest = self.tile(x / SIDE, y / SIDE)?;
-            let is_navigable = digest.navigable[y % SIDE] >> (x % SIDE) & 1 == 1;
-            is_navigable.then(|| digest.cells.ground[y % SIDE * SIDE + x % SIDE])
-        };
-        let (a, b) = (ground(ax, ay)?, ground(bx, by)?);
-        Some([a - b > limit, b - a > limit])
-    }
-
-    /// Marks every cell that has the middle of an obstacle or of a cell at a step within the footprint's radius of its own,
-    /// and by the strict rule also those that have any cell there that is not proven ground.
+    /// Marks every cell that has the middle of an obstacle, of steep ground or of what held the robot within the footprint's radius of its own, by
+    /// the strict rule also any cell that is not proven ground, or that of a cell at a step within the distance kept from
+    /// those.
     fn mark_cramped(&mut self, config: &PlanningConfig) {
-        let radius = config.footprint_radius_m / self.cell_m;
-        match config.footprint {
-            FootprintRule::Clear => self.scratch.words.clone_from(&self.blocks.words),
-            FootprintRule::Verified => {
-                self.scratch.words.clear();
-                self.scratch.words.extend(self.navigable.words.iter().map(|word| !word));
-            }
-        }
         self.scratch.stride = self.blocks.stride;
-        for (out, step) in self.scratch.words.iter_mut().zip(&self.steps.words) {
-            *out |= step;
+        self.scratch.words.clear();
+        let is_strict = config.footprint == FootprintRule::Verified;
+        let unproven = |navigable: &u64| if is_strict { !navigable } else { 0 };
+        let solid = self.blocks.words.iter().zip(&self.steep.words).zip(&self.held.words);
+        let planes = solid.map(|((blocks, steep), held)| blocks | steep | held).zip(&self.navigable.words);
+        self.scratch.words.extend(planes.map(|(solid, navigable)| solid | unproven(navigable)));
+        self.scratch.dilate_into(config.footprint_radius_m / self.cell_m, &mut self.cramped);
+        self.steps.dilate_into(config.step_clearance_m / self.cell_m, &mut self.scratch);
+        let near = self.scratch.words.iter().zip(&self.hidden.words);
+        for (cramped, (near_step, near_hidden)) in self.cramped.words.iter_mut().zip(near) {
+            *cramped |= near_step | near_hidden;
         }
-        self.scratch.dilate_into(radius, &mut self.cramped);
     }
 
     fn corner(&self) -> CellIndex {
@@ -358,6 +413,9 @@ impl PlanningGrid {
             &self.navigable,
             &self.area,
             &self.steps,
+            &self.steep,
+            &self.held,
+            &self.hidden,
             &self.cramped,
             &self.beside,
             &self.close_beside,
@@ -365,4 +423,13 @@ impl PlanningGrid {
         ];
         self.tiles.bytes() + planes.iter().map(|plane| 8 * plane.words.len()).sum::<usize>() + 4 * self.table.len()
     }
+}
+
+/// The parts of a plane that hold a disc of radius `gap`, and what lies within `reach` of those [cells]. Uses the plane up.
+fn spread_wide_parts(plane: &mut BitPlane, gap: f64, reach: f64, out: &mut BitPlane) {
+    plane.words.iter_mut().for_each(|word| *word = !*word);
+    plane.dilate_into(gap, out);
+    out.words.iter_mut().for_each(|word| *word = !*word);
+    std::mem::swap(plane, out);
+    plane.dilate_into(gap + reach, out);
 }

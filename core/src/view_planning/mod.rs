@@ -21,7 +21,7 @@ mod plan;
 mod quality;
 mod random;
 mod registry;
-mod steps;
+mod relief;
 mod strategy;
 mod survey;
 mod sweep;

@@ -5,7 +5,7 @@ use super::cost_tree::{CostTree, Terrain};
 use super::grid::PlanningGrid;
 use super::path::waypoints;
 use super::plan::{Candidate, Decision, RejectionReason, StopReason, ViewPlan};
-use super::steps::StepLimits;
+use super::relief::ReliefLimits;
 use nalgebra::Point3;
 
 /// The window, the terrain and the ways over it.
@@ -135,7 +135,7 @@ impl Survey {
     /// The cells that pass because the robot stands there, the nearest first.
     fn around_start(&self, start: usize, clearance_m: f64) -> Vec<usize> {
         let mut disc: Vec<_> = self.grid.disc(clearance_m).into_iter().map(|o| start.wrapping_add_signed(o)).collect();
-        disc.retain(|&at| !self.grid.has(&self.grid.blocks, at));
+        disc.retain(|&at| !self.grid.has(&self.grid.blocks, at) && !self.grid.has(&self.grid.held, at));
         disc.sort_by_key(|&at| (self.grid.square_distance(at, start), at));
         disc
     }
@@ -143,7 +143,7 @@ impl Survey {
     /// Whether no step leads from a cell near the start to a neighbour that passes already. Ground that was never seen is
     /// taken to be as the robot's, as far as the steepest slope allows.
     fn is_even_with_ground_around(&self, at: usize, start: usize, config: &PlanningConfig) -> bool {
-        let limits = StepLimits::new(config, self.grid.cell_m);
+        let limits = ReliefLimits::new(config, self.grid.cell_m);
         let ground = |at| self.grid.ground(at);
         let robot = self.robot.z as f32;
         let is_robots = |height: f32, at: usize| {

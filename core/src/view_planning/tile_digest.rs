@@ -1,6 +1,6 @@
 //! A tile of the information map as planning sees it.
 
-use super::steps::{Line, StepLimits, across, along};
+use super::relief::ReliefLimits;
 use crate::information_map::{Evidence, Level, MapConfig, TILE_CELLS, TILE_SIDE, Tile, TileIndex, TileLevels};
 
 /// Cells along a side of a tile.
@@ -52,9 +52,8 @@ pub(super) struct TileDigest {
     pub blocks: [u16; SIDE],
     /// C_nc over the navigable threshold.
     pub navigable: [u16; SIDE],
-    /// Navigable cells at a step: a neighbour in this tile lies lower than the robot masters, or their own ground does not
-    /// lie at one height.
-    pub steps: [u16; SIDE],
+    /// Navigable cells whose own ground does not lie at one height.
+    pub uneven: [u16; SIDE],
     pub bounds: TileBounds,
     pub cells: Box<TileCells>,
 }
@@ -65,7 +64,7 @@ pub(super) struct Rules {
     pub sight: f64,
     pub navigable: f64,
     pub map: MapConfig,
-    pub steps: StepLimits,
+    pub relief: ReliefLimits,
 }
 
 impl TileDigest {
@@ -82,7 +81,7 @@ impl TileDigest {
             grounded: [0; SIDE],
             blocks: [0; SIDE],
             navigable: [0; SIDE],
-            steps: [0; SIDE],
+            uneven: [0; SIDE],
             bounds: TileBounds::NONE,
             cells: Box::new(cells),
         }
@@ -105,7 +104,7 @@ impl TileDigest {
     pub fn read_showing(&mut self, tile: &Tile, rules: &Rules, choose: impl Fn(u8) -> usize) {
         (self.revision, self.address) = (tile.revision(), tile.address());
         (self.known, self.grounded) = Default::default();
-        (self.blocks, self.navigable, self.steps) = Default::default();
+        (self.blocks, self.navigable, self.uneven) = Default::default();
         self.bounds = TileBounds::NONE;
         self.levels.clear();
         self.several.clear();
@@ -128,7 +127,6 @@ impl TileDigest {
                 self.show(within, level, rules);
             }
         }
-        self.find_steps(&rules.steps);
     }
 
     /// Whether another level is chosen for one of its cells than the one that is shown.
@@ -138,43 +136,9 @@ impl TileDigest {
 
     fn show(&mut self, within: usize, level: &Level, rules: &Rules) {
         self.read_evidence(within, &level.evidence, rules);
-        if level.highest - level.lowest > f64::from(rules.steps.diagonal) {
-            self.steps[within / SIDE] |= 1 << (within % SIDE);
+        if level.highest - level.lowest > f64::from(rules.relief.diagonal) {
+            self.uneven[within / SIDE] |= self.navigable[within / SIDE] & 1 << (within % SIDE);
         }
-    }
-
-    /// Marks the steps between the cells of the tile; those within cells are marked already.
-    fn find_steps(&mut self, limits: &StepLimits) {
-        let mut steps = self.steps;
-        for (steps, navigable) in steps.iter_mut().zip(&self.navigable) {
-            *steps &= navigable;
-        }
-        for row in 0..SIDE {
-            steps[row] |= along(self.row(row), limits);
-            if row + 1 < SIDE {
-                let (here, above) = across(self.row(row), self.row(row + 1), limits);
-                steps[row] |= here;
-                steps[row + 1] |= above;
-            }
-        }
-        self.steps = steps;
-    }
-
-    /// The ground of a row of constant y.
-    pub fn row(&self, row: usize) -> Line<'_> {
-        // The cells of a tile are whole rows.
-        let ground = self.cells.ground.as_chunks::<SIDE>().0;
-        Line { ground: &ground[row], navigable: self.navigable[row] }
-    }
-
-    /// The ground of a row of constant x, written into `ground`.
-    pub fn column<'a>(&self, x: usize, ground: &'a mut [f32; SIDE]) -> Line<'a> {
-        let mut navigable = 0;
-        for (y, ground) in ground.iter_mut().enumerate() {
-            *ground = self.cells.ground[y * SIDE + x];
-            navigable |= (self.navigable[y] >> x & 1) << y;
-        }
-        Line { ground, navigable }
     }
 
     fn read_evidence(&mut self, within: usize, evidence: &Evidence, rules: &Rules) {

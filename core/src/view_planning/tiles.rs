@@ -2,7 +2,7 @@
 //! changed. This file and [`super::grid`] are the only ones that know the map's cells.
 
 use super::config::PlanningConfig;
-use super::steps::StepLimits;
+use super::relief::ReliefLimits;
 use super::tile_digest::{Rules, TileCells, TileDigest};
 use crate::information_map::{InformationMap, LevelSearch, Reach, Tile, TileIndex};
 use crate::threads;
@@ -70,7 +70,7 @@ impl TileCache {
             sight: config.sight_threshold,
             navigable: config.navigable_threshold,
             map: *map.config(),
-            steps: StepLimits::new(config, map.cell_m()),
+            relief: ReliefLimits::new(config, map.cell_m()),
         };
         // A map that is older than it was is another map.
         if rules != self.rules || map.revision() < self.revision {
@@ -101,7 +101,7 @@ impl TileCache {
             robot: *robot,
             window_m: f64::INFINITY,
             start_m: config.start_clearance_m,
-            max_step_m: StepLimits::between_levels(config, map.cell_m()),
+            max_step_m: ReliefLimits::between_levels(config, map.cell_m()),
             navigable_threshold: rules.navigable,
         };
         let levels_changed = self.choose_levels(map, window, &reach, has_news, table);

@@ -28,7 +28,7 @@ fn told(digest: &TileDigest) -> (Vec<Values>, [[u16; 16]; 5]) {
         [a, b, c, d, e, f, height, quality, ground, navigability, digest.bounds.least_quality].map(f32::to_bits)
     };
     let known = (0..256).filter(|at| digest.known[at / 16] >> (at % 16) & 1 == 1);
-    let planes = [digest.known, digest.grounded, digest.blocks, digest.navigable, digest.steps];
+    let planes = [digest.known, digest.grounded, digest.blocks, digest.navigable, digest.uneven];
     (known.map(|at| (at, values(at))).collect(), planes)
 }
 
@@ -54,7 +54,7 @@ proptest! {
                     robot,
                     window_m: 0.0,
                     start_m: config.start_clearance_m,
-                    max_step_m: StepLimits::between_levels(&config, 0.3),
+                    max_step_m: ReliefLimits::between_levels(&config, 0.3),
                     navigable_threshold: config.navigable_threshold,
                 };
                 let choice = map.choose_levels_between(window().low(), window().high(), &reach);

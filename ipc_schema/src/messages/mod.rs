@@ -31,7 +31,9 @@ pub use header::{Envelope, Header, Meta, ScanId};
 pub use health::{
     Delay, MAX_WORK_SPANS, SERVICE_FAILED, SERVICE_RUNNING, SERVICE_STARTING, SERVICE_STOPPING, ServiceHealth, WorkSpan,
 };
-pub use motion::{MotionCommand, NavigationStatus, POSE_FROM_LOCALIZATION, PoseEstimate, RobotPose, RobotState};
+pub use motion::{
+    MotionCommand, NavigationStatus, Obstruction, POSE_FROM_LOCALIZATION, PoseEstimate, RobotPose, RobotState,
+};
 pub use planning::{
     CANDIDATE_OPEN, CandidateView, DECISION_GO, DECISION_STOP, PathMeta, ReplanRequest, ViewPlanMeta, Waypoint,
 };

@@ -79,6 +79,20 @@ message! {
 }
 
 message! {
+    /// Where something held the robot that the map shows nothing of: told before the scan that is taken there.
+    pub struct Obstruction: "mirador/Obstruction/1", size 32 {
+        /// Centre of a disc that the robot cannot get into [m, map frame].
+        pub centre: [f64; 2],
+        /// Its radius [m].
+        pub radius: f64,
+        /// Number of the scan after which it happened.
+        pub scan: u32,
+        /// Not used.
+        pub reserved: u32,
+    }
+}
+
+message! {
     /// The state of the robot as a whole: the last message of a control step, when all that its sensors have said up to
     /// the stamp is sent.
     pub struct RobotState: "mirador/RobotState/2", size 152 {

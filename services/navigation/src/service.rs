@@ -6,7 +6,7 @@ use std::time::Duration;
 use mirador_core::geometry::pose_from_rows;
 use mirador_core::navigation::{DriveState, Mission, MissionState, MissionStep, RobotNow};
 use mirador_ipc_schema::messages::{
-    Envelope, Header, MotionCommand, NavigationStatus, RobotPose, ScanId, ScanRequest, ScanRequestKind,
+    Envelope, Header, MotionCommand, NavigationStatus, Obstruction, RobotPose, ScanId, ScanRequest, ScanRequestKind,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Publisher, Subscriber, Wakeable, text, topics};
@@ -33,6 +33,7 @@ pub fn run(setup: &ServiceSetup, config: &NavigationConfig) -> Result<(), Servic
         participant.wait(&service.awaited(), HEARTBEAT);
         service.answer(&participant)?;
         service.status.serve_late_joiners();
+        service.obstructions.serve_late_joiners();
         service.health.heartbeat(&participant);
     }
     Ok(())
@@ -47,6 +48,7 @@ struct Service<'a> {
     commands: Publisher<topics::MotionCommand>,
     requests: Publisher<topics::ScanRequests>,
     status: Publisher<topics::NavigationStatus>,
+    obstructions: Publisher<topics::Obstructions>,
     health: HealthReporter,
     /// Steps that are not answered yet, oldest first.
     pending: VecDeque<(Header, RobotPose)>,
@@ -70,6 +72,7 @@ impl<'a> Service<'a> {
             commands: participant.publisher()?,
             requests: participant.publisher()?,
             status: participant.publisher()?,
+            obstructions: participant.publisher()?,
             health: HealthReporter::open(participant, &setup.name)?,
             pending: VecDeque::new(),
             said: None,
@@ -99,6 +102,7 @@ impl<'a> Service<'a> {
             let now = RobotNow { stamp_ns, map_from_robot, linear, is_lost };
             let step = self.mission.step(&now);
             self.tell(participant, &header)?;
+            self.tell_obstruction(&header)?;
             let MissionStep::Answer { linear, angular, request } = step else { break };
             if let Some(scan) = request {
                 self.ask(&header, scan)?;
@@ -130,6 +134,16 @@ impl<'a> Service<'a> {
         let header = Header { clock_id: about.clock_id, ..Header::new(id, about.stamp_ns) };
         let request = ScanRequest { kind: ScanRequestKind::TAKE, scan, reserved: 0 };
         Ok(self.requests.send_one(Envelope { header }, request)?)
+    }
+
+    /// Says where something held the robot: before it asks for the scan there, so that the plan of that scan knows.
+    fn tell_obstruction(&mut self, about: &Header) -> Result<(), ServiceError> {
+        let Some(found) = self.mission.take_obstruction() else { return Ok(()) };
+        let scan = self.mission.planned_scans().saturating_sub(1);
+        tracing::info!(x = found.centre[0], y = found.centre[1], scan, "something held the robot there");
+        let obstruction = Obstruction { centre: found.centre, radius: found.radius_m, scan, reserved: 0 };
+        let header = Header { clock_id: about.clock_id, ..Header::new(about.id, about.stamp_ns) };
+        Ok(self.obstructions.send_one(Envelope { header }, obstruction)?)
     }
 
     /// Says what it does, when that changes and once a second of its time.

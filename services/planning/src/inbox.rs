@@ -1,8 +1,8 @@
 //! Everything that belongs to one scan, put together.
 
-use mirador_core::information_map::Zone;
+use mirador_core::information_map::{Obstruction, Zone};
 use mirador_ipc_schema::messages::{AlignmentMeta, ScanId};
-use mirador_ipc_schema::{Participant, Received, Wakeable, topics};
+use mirador_ipc_schema::{Participant, Received, Subscriber, Wakeable, topics};
 use mirador_service_common::{InOrder, ServiceError};
 use nalgebra::{Point3, Vector3};
 
@@ -22,6 +22,7 @@ pub(crate) struct Inbox {
     alignments: InOrder<topics::Alignment>,
     scores: InOrder<topics::ScoredScan>,
     zones: InOrder<topics::Zones>,
+    obstructions: Subscriber<topics::Obstructions>,
     /// A step that was looked for while older scans were being moved.
     held: Option<Step>,
 }
@@ -33,6 +34,7 @@ impl Inbox {
             alignments: InOrder::new(participant.subscriber()?),
             scores: InOrder::new(participant.subscriber()?),
             zones: InOrder::new(participant.subscriber()?),
+            obstructions: participant.subscriber()?,
             held: None,
         })
     }
@@ -59,6 +61,18 @@ impl Inbox {
     /// See [`ServiceError`].
     pub fn next(&mut self) -> Result<Option<Step>, ServiceError> {
         if self.is_next_there()? { Ok(self.held.take()) } else { Ok(None) }
+    }
+
+    /// Where something held the robot, of which nothing was said here yet. What belongs to a scan was sent before it.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn obstructions(&mut self) -> Result<Vec<Obstruction>, ServiceError> {
+        let mut found = Vec::new();
+        while let Some(message) = self.obstructions.receive()? {
+            found.extend(message.items().iter().map(|o| Obstruction { centre: o.centre, radius_m: o.radius }));
+        }
+        Ok(found)
     }
 
     fn look(&mut self) -> Result<Option<Step>, ServiceError> {

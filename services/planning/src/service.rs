@@ -198,6 +198,9 @@ impl<'a> Planning<'a> {
             return Ok(());
         }
         log_place(number, || step.scan.location());
+        for obstruction in self.inbox.obstructions()? {
+            self.kept.map.obstruct(obstruction);
+        }
         let header = Header::about(step.scan.header(), clock::monotonic_ns());
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let map_from_scanner = pose_from_rows(&step.alignment.map_from_scanner)

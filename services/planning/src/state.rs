@@ -1,11 +1,11 @@
 //! What is written down so that a restarted planning goes on where it stopped: where every scan of the map stands, the
-//! zones, and the last messages. The map itself is made again from the summaries of the scans.
+//! zones, the obstructions, and the last messages. The map itself is made again from the summaries of the scans.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use flate2::Crc;
-use mirador_core::information_map::{InformationMap, ScanPoses, ZoneList};
+use mirador_core::information_map::{InformationMap, Obstruction, ScanPoses, ZoneList};
 use mirador_ipc_schema::messages::Header;
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint};
 
@@ -13,7 +13,7 @@ use crate::PlanningServiceConfig;
 use crate::scan_file::ScanFile;
 
 /// Begins the checkpoint; the last byte is the version.
-const MARK: [u8; 4] = *b"MPS\x03";
+const MARK: [u8; 4] = *b"MPS\x04";
 
 /// Where planning is.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -71,6 +71,10 @@ pub(crate) fn save(path: &Path, kept: &KeptMap, progress: &Progress) -> Result<(
     }
     kept.poses.write(&mut out);
     kept.map.zone_list().write(&mut out);
+    out.extend_from_slice(&(kept.map.obstructions().len() as u64).to_le_bytes());
+    for Obstruction { centre: [x, y], radius_m } in kept.map.obstructions() {
+        [x, y, radius_m].iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
+    }
     out.extend_from_slice(&(progress.visited.len() as u64).to_le_bytes());
     for (scan, place) in &progress.visited {
         out.extend_from_slice(&scan.to_le_bytes());
@@ -110,6 +114,9 @@ pub(crate) fn open(
         map.add(&evidence, pose).map_err(|e| missing(format!("scan {scan}: {e}")))?;
     }
     map.restore_zones(saved.zones);
+    for obstruction in saved.obstructions {
+        map.obstruct(obstruction);
+    }
     map.resume_revision(saved.revision);
     Ok((KeptMap { map, poses: saved.poses, file }, saved.progress))
 }
@@ -121,6 +128,7 @@ struct Saved {
     places: BTreeMap<u32, (u64, u32)>,
     poses: ScanPoses,
     zones: ZoneList,
+    obstructions: Vec<Obstruction>,
 }
 
 fn read(path: PathBuf, content: &[u8]) -> Result<Saved, CheckpointError> {
@@ -150,6 +158,11 @@ fn parse(body: &[u8]) -> Option<Saved> {
     }
     let poses = ScanPoses::read(&mut rest)?;
     let zones = ZoneList::read(&mut rest)?;
+    let mut obstructions = Vec::new();
+    for _ in 0..u64::from_le_bytes(take(&mut rest)?) {
+        let [x, y, radius_m] = [(); 3].map(|()| take(&mut rest).map(f64::from_le_bytes));
+        obstructions.push(Obstruction { centre: [x?, y?], radius_m: radius_m? });
+    }
     let mut visited = Vec::new();
     for _ in 0..u64::from_le_bytes(take(&mut rest)?) {
         let scan = u32::from_le_bytes(take(&mut rest)?);
@@ -166,7 +179,7 @@ fn parse(body: &[u8]) -> Option<Saved> {
         ground_height_m,
         visited,
     };
-    rest.is_empty().then_some(Saved { progress, revision, places, poses, zones })
+    rest.is_empty().then_some(Saved { progress, revision, places, poses, zones, obstructions })
 }
 
 fn message(rest: &mut &[u8]) -> Option<Vec<u8>> {
@@ -212,6 +225,7 @@ mod tests {
             kept.poses.added(scan.into(), pose);
         }
         let zone = Zone { centre: Point3::new(5.0, 0.0, 1.0), normal: Vector3::x() };
+        kept.map.obstruct(Obstruction { centre: [1.0 / 3.0, -2.0], radius_m: 0.3 });
         kept.map.update_zones(1, &[zone], &Pose::translation(0.0, 60.0, 0.0), &ZoneConfig::default());
         let there = Pose::new(Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.0, 0.0, 0.01));
         kept.poses.correct(1, &there, &MoveConfig::default());
