@@ -62,7 +62,7 @@ impl Default for ScoreConfig {
     fn default() -> Self {
         Self {
             theta_deg: 20.0,
-            robot_height_m: 1.0,
+            robot_height_m: 1.2,
             w_l: 0.66,
             w_g: 0.33,
             w_bl: 0.55,

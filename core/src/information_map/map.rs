@@ -27,6 +27,7 @@ pub struct InformationMap {
     pub(super) slots: BTreeMap<TileIndex, usize>,
     pub(super) zones: ZoneList,
     obstructions: Vec<Obstruction>,
+    driven: Vec<[[f64; 2]; 2]>,
     pub(super) sorter: Sorter,
     pub(super) threads: usize,
 }
@@ -45,6 +46,7 @@ impl InformationMap {
             slots: BTreeMap::new(),
             zones: ZoneList::default(),
             obstructions: Vec::new(),
+            driven: Vec::new(),
             sorter: Sorter::default(),
             threads: 1,
         })
@@ -68,7 +70,7 @@ impl InformationMap {
         self.config.cell_m
     }
 
-    /// Counted up by one for every scan added, moved or taken away, every update of the zones and every obstruction; 0 for an empty map.
+    /// Counted up by one for every scan added, moved or taken away, every update of the zones, obstruction and way driven; 0 for an empty map.
     #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision
@@ -250,6 +252,20 @@ impl InformationMap {
         &self.obstructions
     }
 
+    /// Notes a way that the robot has driven, by its bends [m, map frame]; of what is not finite nothing.
+    pub fn drove(&mut self, way: &[[f64; 2]]) {
+        let is_finite = |piece: &&[[f64; 2]]| piece.iter().flatten().all(|x| x.is_finite());
+        let before = self.driven.len();
+        self.driven.extend(way.windows(2).filter(is_finite).map(|piece| [piece[0], piece[1]]));
+        self.revision += u64::from(self.driven.len() > before);
+    }
+
+    /// The pieces of the ways that the robot has driven, the oldest first: proof that these carry it, whatever the scans say.
+    #[must_use]
+    pub fn driven(&self) -> &[[[f64; 2]; 2]] {
+        &self.driven
+    }
+
     /// The zones of interest not yet seen face on.
     #[must_use]
     pub fn zones(&self) -> &[Zone] {
@@ -301,6 +317,7 @@ impl PartialEq for InformationMap {
         self.config == other.config
             && self.zones == other.zones
             && self.obstructions == other.obstructions
+            && self.driven == other.driven
             && known(self) == known(other)
             && self
                 .tiles()

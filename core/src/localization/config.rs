@@ -155,12 +155,12 @@ pub struct LaserModel {
 impl Default for LaserModel {
     fn default() -> Self {
         Self {
-            is_used: false,
+            is_used: true,
             least_beams: 40,
             least_share: 0.7,
             rms_max_m: 0.04,
             sigma_max_m: 0.015,
-            level_deg: 3.0,
+            level_deg: 2.0,
             slip_share: 0.5,
         }
     }

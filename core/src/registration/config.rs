@@ -125,7 +125,7 @@ impl Default for RegistrationConfig {
             rotation_tolerance: 2e-5,
             constrained_eigenvalue: 0.004,
             overlap_distance_m: 0.3,
-            points_per_independent_error: 24.0,
+            points_per_independent_error: 48.0,
             custom: toml::Table::new(),
         }
     }

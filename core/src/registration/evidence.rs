@@ -4,7 +4,7 @@ use super::RegistrationConfig;
 use super::information::PlaneSystem;
 use super::walk::Walk;
 
-/// Classes of residuals, from which the next pass takes the greatest that counts.
+/// Classes of residuals, from which the next pass takes the greatest that counts, and how far pairs that fit err.
 const CLASSES: usize = 64;
 
 /// What every method reports of one pass.
@@ -22,7 +22,7 @@ pub(super) struct Evidence {
     pub residual_sq: f64,
     /// The distances to the tangent planes.
     pub plane: PlaneSystem,
-    /// Pairs by the square root of their residual, as a share of the pair distance; only when some are trimmed.
+    /// Pairs by the square root of their residual, as a share of the pair distance.
     classes: [u32; CLASSES],
 }
 
@@ -40,10 +40,8 @@ impl Evidence {
     pub fn takes(&mut self, gates: &Gates, residual_sq: f32) -> bool {
         self.pairs += 1;
         self.residual_sq += f64::from(residual_sq);
-        if gates.trims {
-            let share = (residual_sq / gates.pair_sq).sqrt().sqrt();
-            self.classes[((share * CLASSES as f32) as usize).min(CLASSES - 1)] += 1;
-        }
+        let share = (residual_sq / gates.pair_sq).sqrt().sqrt();
+        self.classes[((share * CLASSES as f32) as usize).min(CLASSES - 1)] += 1;
         residual_sq <= gates.trimmed_sq
     }
 
@@ -90,8 +88,8 @@ pub(super) struct Gates {
     pub overlap_sq: f32,
     /// and of the greatest residual that pulls.
     pub trimmed_sq: f32,
-    /// Whether there will be one.
-    pub trims: bool,
+    /// The robust scale at the final pair distance [m].
+    pub scale_m: f64,
 }
 
 impl Gates {
@@ -104,7 +102,7 @@ impl Gates {
             judged_sq: square(walk.final_gate),
             overlap_sq: square(config.overlap_distance_m),
             trimmed_sq: walk.trimmed_sq,
-            trims: config.trimmed_overlap < 1.0,
+            scale_m: walk.scale_m.unwrap_or(config.robust_scale_m),
         }
     }
 

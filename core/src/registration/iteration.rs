@@ -6,7 +6,7 @@ use super::information::ErrorModel;
 use super::keyframe::PreparedCloud;
 use super::pairs::{Detail, PairSum, Scans};
 use super::walk::{Best, Walk};
-use super::{AlignError, Alignment, Constraint, Limits, PreparedScan, RegistrationConfig};
+use super::{AlignError, Alignment, Constraint, Limits, PreparedScan, RegistrationConfig, RobustKernel};
 use crate::geometry::{self, Pose, Twist};
 
 /// Fewer pairs than this give no step.
@@ -17,6 +17,18 @@ const SPARSE_GATE_VOXELS: f64 = 4.0;
 const SPARSE_TOLERANCE_VOXELS: f64 = 0.02;
 /// With fewer sparse points than this, in a room for example, all points go all the way.
 const LEAST_SPARSE_POINTS: usize = 500;
+/// The robust scale of the last steps, in medians of the residuals: 1.35 standard deviations of normal errors. It is never
+/// below this share of the configuration's, however exact the scans.
+const SCALE_MEDIANS: f64 = 2.0;
+const LEAST_SCALE_SHARE: f64 = 0.05;
+/// A scale that falls by less than this is the same.
+const SAME_SCALE: f64 = 0.95;
+/// Before those, steps that move the points by less than this end the way [m].
+const UNPOLISHED_M: f64 = 2e-3;
+/// They end with steps that move the points by less than this share of the scale.
+const POLISHED_SHARE: f64 = 0.02;
+/// Most steps with a scale of the scans' own.
+const MOST_POLISHING: u32 = 20;
 /// A cost below this share of the start's, over the sparse points, is below the start's over all points, too.
 const CLEARLY_BETTER: f64 = 0.7;
 
@@ -30,6 +42,8 @@ pub(super) trait Minimiser {
     const NAME: &'static str;
     /// The share of the tolerances below which a step is small: less than 1 where small steps go on for long.
     const TOLERANCE_SHARE: f64 = 1.0;
+    /// Whether the weight of a pair depends on a robust scale.
+    const IS_ROBUST: bool = true;
 
     /// The settings of a pass.
     fn settings(config: &RegistrationConfig, gates: &Gates) -> <Self::Sum as PairSum>::Settings;
@@ -97,6 +111,9 @@ impl<'a> Problem<'a> {
             }
             walk = approach.continued(self.final_gate());
         }
+        if self.polishes::<M>() {
+            walk.tolerance_m = UNPOLISHED_M;
+        }
         let mut sum = self.descend::<M>(Detail::Full, &mut walk, &mut rooms.own);
         if start_cost.is_some_and(|cost| cost < walk.best.cost) {
             walk.best = Best { pose: *self.start, cost: start_cost.unwrap_or_default(), limited: false };
@@ -104,7 +121,12 @@ impl<'a> Problem<'a> {
         if walk.best.pose != walk.pose {
             sum = self.pass::<M>(Detail::Full, &Walk::new(walk.best.pose, self.final_gate()), &mut rooms.own);
         }
-        self.report::<M>(&walk, &sum)
+        // Which directions the scans hold is told by all pairs that may be right, before the scale leaves only the best.
+        let constraint = M::evidence(&sum).plane.constraint(self.config.constrained_eigenvalue);
+        if self.polishes::<M>() && !walk.best.limited {
+            self.polish::<M>(&mut walk, &constraint, &mut sum, &mut rooms.own);
+        }
+        self.report::<M>(&walk, &sum, constraint)
     }
 
     /// Comes near with the sparse points and a shrinking pair distance.
@@ -151,6 +173,51 @@ impl<'a> Problem<'a> {
         }
     }
 
+    /// The last steps, from the best pose, with a robust scale that follows how far the pairs err: what brings a distant start
+    /// near gives pairs that are wrong by a decimetre a say in the last millimetres (the scale from the median of the
+    /// residuals: Huber 1981, section 7.7). Ends where the steps are small; costs stay those of the configuration's scale.
+    fn polish<M: Minimiser>(&self, walk: &mut Walk, constraint: &Constraint, sum: &mut M::Sum, sums: &mut Vec<M::Sum>) {
+        let mut fine = walk.continued(self.final_gate());
+        fine.trimmed_sq = walk.trimmed_sq;
+        if !self.narrow_scale(&mut fine, M::evidence(sum)) {
+            return;
+        }
+        *sum = self.pass::<M>(Detail::Full, &fine, sums);
+        for _ in 0..MOST_POLISHING.min(self.limits.max_iterations.saturating_sub(fine.iterations)) {
+            let evidence = M::evidence(sum);
+            let step = M::step(sum, &fine.pose, constraint, 0.0).filter(|_| evidence.pairs >= LEAST_PAIRS);
+            let is_narrower = self.narrow_scale(&mut fine, evidence);
+            let Some(step) = step else { break };
+            if !is_narrower && fine.is_small(&step, constraint.length_m, self.config) {
+                break;
+            }
+            if !fine.advance(self, &step, constraint.length_m) {
+                break;
+            }
+            *sum = self.pass::<M>(Detail::Full, &fine, sums);
+        }
+        let cost = self.cost::<M>(Detail::Full, sum, self.final_gate());
+        (walk.pose, walk.iterations, walk.limited) = (fine.pose, fine.iterations, fine.limited);
+        walk.best = Best { pose: fine.pose, cost, limited: fine.limited };
+    }
+
+    /// Lets the robust scale fall to what the residuals tell; whether it has.
+    fn narrow_scale(&self, fine: &mut Walk, evidence: &Evidence) -> bool {
+        let median_m = f64::from(evidence.quantile_sq(0.5, fine.gate)).sqrt();
+        let own_m = (SCALE_MEDIANS * median_m).max(LEAST_SCALE_SHARE * self.config.robust_scale_m);
+        let is_narrower = own_m < SAME_SCALE * fine.scale_m.unwrap_or(self.config.robust_scale_m);
+        if is_narrower {
+            fine.scale_m = Some(own_m);
+            fine.tolerance_m = (POLISHED_SHARE * own_m).max(self.config.translation_tolerance_m);
+        }
+        is_narrower
+    }
+
+    /// Whether the last steps are taken with a scale of the scans' own.
+    fn polishes<M: Minimiser>(&self) -> bool {
+        M::IS_ROBUST && self.config.robust_kernel != RobustKernel::None
+    }
+
     /// One pass over the source's points.
     fn pass<M: Minimiser>(&self, detail: Detail, walk: &Walk, sums: &mut Vec<M::Sum>) -> M::Sum {
         let gates = Gates::new(walk, self.final_gate(), self.config);
@@ -173,10 +240,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The answer, from a pass over the best pose at the final pair distance.
-    fn report<M: Minimiser>(&self, walk: &Walk, sum: &M::Sum) -> Alignment {
+    fn report<M: Minimiser>(&self, walk: &Walk, sum: &M::Sum, constraint: Constraint) -> Alignment {
         let evidence = M::evidence(sum);
         let config = self.config;
-        let constraint = evidence.plane.constraint(config.constrained_eigenvalue);
         let overlap = f64::from(evidence.overlapping) / self.scans.count(Detail::Full) as f64;
         let errors = M::errors(sum, config.points_per_independent_error, overlap);
         Alignment {

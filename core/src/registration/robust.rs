@@ -49,7 +49,7 @@ impl Kernel {
             RobustKernel::Tukey | RobustKernel::GemanMcclure if on_the_way => RobustKernel::Cauchy,
             kind => kind,
         };
-        Self::new(kind, config.robust_scale_m * gates.widening())
+        Self::new(kind, gates.scale_m * gates.widening())
     }
 
     /// The kernel at the scale [m].

@@ -39,6 +39,8 @@ pub(super) struct Walk {
     pub(super) stalled: u32,
     /// The greatest squared residual that pulls [m^2].
     pub(super) trimmed_sq: f32,
+    /// The robust scale, where the scans themselves tell one [m]; else the configuration's.
+    pub(super) scale_m: Option<f64>,
     pub(super) first_cost: f64,
     pub(super) best: Best,
 }
@@ -57,6 +59,7 @@ impl Walk {
             damping: 1e-3,
             stalled: 0,
             trimmed_sq: f32::INFINITY,
+            scale_m: None,
             first_cost: f64::INFINITY,
             best: Best { pose, cost: f64::INFINITY, limited: false },
         }

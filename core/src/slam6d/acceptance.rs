@@ -35,7 +35,7 @@ impl Default for AcceptanceConfig {
         Self {
             min_overlap: 0.1,
             verify_below_overlap: 0.5,
-            min_consistency: 0.57,
+            min_consistency: 0.55,
             max_residual_m: 0.25,
             min_constrained_directions: 3,
         }

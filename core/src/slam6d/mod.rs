@@ -20,6 +20,7 @@ mod restore_error;
 mod sequential;
 mod sequential_config;
 mod state;
+mod submap;
 #[cfg(test)]
 mod tests;
 mod verifier;

@@ -6,18 +6,22 @@ use super::TargetState;
 use crate::geometry::Pose;
 use crate::registration::{PreparedScan, Registration};
 
+/// An accepted scan, where it stands, as a registration method has prepared it.
+pub(super) type Accepted = (TargetState, Arc<dyn PreparedScan>);
+
 /// The accepted scans other than the last, those nearest to a guessed pose `map_from_scanner` first.
 pub(super) trait OlderScans {
     /// How far off the nearest is [m]; infinite when there is none.
     fn nearest_m(&mut self, guess: &Pose) -> f64;
 
+    /// At most `most` scans that were aligned with scan `to` and so fit it, those nearest to a guessed pose first.
+    fn tied_to(&mut self, registration: &dyn Registration, to: u64, guess: &Pose, most: usize) -> Vec<Accepted>;
+
+    /// The scan of this id, prepared by the method.
+    fn by_id(&mut self, registration: &dyn Registration, scan_id: u64) -> Option<Accepted>;
+
     /// The k-th, prepared by the method.
-    fn get(
-        &mut self,
-        registration: &dyn Registration,
-        guess: &Pose,
-        k: usize,
-    ) -> Option<(TargetState, Arc<dyn PreparedScan>)>;
+    fn get(&mut self, registration: &dyn Registration, guess: &Pose, k: usize) -> Option<Accepted>;
 }
 
 /// There are none.
@@ -28,7 +32,15 @@ impl OlderScans for NoOlderScans {
         f64::INFINITY
     }
 
-    fn get(&mut self, _: &dyn Registration, _: &Pose, _: usize) -> Option<(TargetState, Arc<dyn PreparedScan>)> {
+    fn tied_to(&mut self, _: &dyn Registration, _: u64, _: &Pose, _: usize) -> Vec<Accepted> {
+        Vec::new()
+    }
+
+    fn by_id(&mut self, _: &dyn Registration, _: u64) -> Option<Accepted> {
+        None
+    }
+
+    fn get(&mut self, _: &dyn Registration, _: &Pose, _: usize) -> Option<Accepted> {
         None
     }
 }

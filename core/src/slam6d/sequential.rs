@@ -20,13 +20,13 @@ use crate::scan::ScanView;
 const NEARER: f64 = 0.5;
 
 /// A start to be tried against a scan.
-struct Attempt<'a> {
-    name: HypothesisName,
-    target: &'a TargetState,
-    scan: &'a dyn PreparedScan,
+pub(super) struct Attempt<'a> {
+    pub name: HypothesisName,
+    pub target: &'a TargetState,
+    pub scan: &'a dyn PreparedScan,
     /// `target_from_source`.
-    start: Pose,
-    pair_distance_m: f64,
+    pub start: Pose,
+    pub pair_distance_m: f64,
 }
 
 /// Aligns scan after scan. It holds one keyframe, that of the last accepted scan; its memory does not grow.
@@ -111,6 +111,14 @@ impl SequentialAligner {
         self.target.as_ref()
     }
 
+    pub(super) fn config(&self) -> &SequentialConfig {
+        &self.config
+    }
+
+    pub(super) fn registration(&self) -> &dyn Registration {
+        &*self.registration
+    }
+
     /// The method, for pairs other than the sequential one.
     pub(super) fn registration_mut(&mut self) -> &mut dyn Registration {
         &mut *self.registration
@@ -172,6 +180,9 @@ impl SequentialAligner {
                         self.align(&mut record, &target, &*target_scan, &*prepared)
                             || (self.guess_by_prior().is_some() && self.retry(&mut record, older, &*prepared))
                     };
+                    if accepted {
+                        self.refine(&mut record, (target, target_scan.clone()), older, &*prepared);
+                    }
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }
@@ -298,7 +309,12 @@ impl SequentialAligner {
     }
 
     /// Tries one start against one scan, notes the hypothesis, and completes the record if the result is accepted.
-    fn attempt(&mut self, record: &mut AlignmentRecord, attempt: &Attempt<'_>, source: &dyn PreparedScan) -> bool {
+    pub(super) fn attempt(
+        &mut self,
+        record: &mut AlignmentRecord,
+        attempt: &Attempt<'_>,
+        source: &dyn PreparedScan,
+    ) -> bool {
         let &Attempt { target, scan, start, pair_distance_m, .. } = attempt;
         let limits = Limits { pair_distance_m, ..self.config.limits };
         let result = self.registration.align(scan, source, &start, &limits);
@@ -345,7 +361,7 @@ impl SequentialAligner {
             return Ok(());
         }
         acceptance.weigh(&match attempt.name {
-            HypothesisName::OlderScan => self.verifier.weigh_other(attempt.scan, source, pose),
+            HypothesisName::OlderScan | HypothesisName::Submap => self.verifier.weigh_other(attempt.scan, source, pose),
             _ => self.verifier.weigh(attempt.scan, source, pose),
         })
     }
@@ -357,9 +373,9 @@ impl SequentialAligner {
         limits: &Limits,
         result: Result<Alignment, AlignError>,
     ) -> (Hypothesis, Option<Alignment>) {
-        use HypothesisName::{OlderScan, PriorMotion, PriorMotionWide};
+        use HypothesisName::{OlderScan, PriorMotion, PriorMotionWide, Submap};
         let &Attempt { name, start, .. } = attempt;
-        let has_prior = matches!(name, PriorMotion | PriorMotionWide | OlderScan);
+        let has_prior = matches!(name, PriorMotion | PriorMotionWide | OlderScan | Submap);
         let failed =
             Hypothesis { name, start, result: start, overlap: 0.0, residual_m: 0.0, iterations: 0, rejected: None };
         match result {

@@ -172,7 +172,7 @@ pub struct PlanningConfig {
     pub clearance_m: f64,
     /// How many times its own cost a metre costs more right beside them, 0 to 100; a third of it in the outer half.
     pub clearance_weight: f64,
-    /// The highest step that the robot climbs or goes down [m], 0 to 2; with 0.165 m wheels, their radius.
+    /// The highest step that the robot climbs or goes down [m], 0 to 2: with 0.165 m wheels, which slip on a kerb of 0.12 m.
     pub max_step_m: f64,
     /// The steepest slope that the robot climbs [deg], 0 to 60, as the scores' theta. From the middle of a cell to that of a
     /// neighbour the ground may rise or fall by a step and this slope.
@@ -217,13 +217,13 @@ impl Default for PlanningConfig {
             normalisation: Normalisation::Absolute,
             zone_saturation_m2: 10.0,
             footprint_radius_m: 0.5,
-            step_clearance_m: 0.75,
-            hidden_clearance_m: 0.6,
+            step_clearance_m: 0.9,
+            hidden_clearance_m: 0.9,
             hidden_width_m: 1.2,
             footprint: FootprintRule::Clear,
             clearance_m: 0.95,
             clearance_weight: 3.0,
-            max_step_m: 0.165,
+            max_step_m: 0.1,
             max_slope_deg: 20.0,
             start_clearance_m: 1.0,
             near_m: 60.0,

@@ -60,29 +60,43 @@ fn stands_over_a_step(map: &InformationMap, cell: CellIndex, config: &PlanningCo
     around(cell).any(is_far_below)
 }
 
-/// Whether the ground on both sides of a cell differs by more than the steepest slope and half a step.
+/// Whether the ground on both sides of a cell differs by more than the steepest slope and half a step, or it is the upper side
+/// of a ledge.
 fn is_steep(map: &InformationMap, cell: CellIndex, config: &PlanningConfig) -> bool {
     let slope = config.max_slope_deg.to_radians().tan();
-    let opposite = |side: CellIndex| CellIndex { x: 2 * cell.x - side.x, y: 2 * cell.y - side.y };
     let differs = |side: CellIndex| {
-        let limit = 0.5 * config.max_step_m + distance(side, opposite(side)) * slope;
-        let heights = any_ground(map, side, config).zip(any_ground(map, opposite(side), config));
-        heights.is_some_and(|(a, b)| (a - b).abs() > limit)
+        let (dx, dy) = (side.x - cell.x, side.y - cell.y);
+        let at = |k: i32| any_ground(map, CellIndex { x: cell.x + k * dx, y: cell.y + k * dy }, config);
+        let between = |a: i32, b: i32| at(a).zip(at(b)).map(|(a, b)| b - a);
+        let limit = 0.5 * config.max_step_m + 2.0 * distance(side, cell) * slope;
+        // The height of the ledge around the cell k steps on, and whether that cell is above it.
+        let ledge = |k: i32| {
+            let (rise, outside) = (between(k - 1, k + 1)?, between(k - 2, k + 2)?);
+            let is_ledge = 2.0 * rise - outside > config.max_step_m && rise > 0.5 * config.max_step_m;
+            Some((is_ledge, between(k - 1, k)? >= 0.5 * rise))
+        };
+        between(-1, 1).is_some_and(|rise| rise.abs() > limit)
+            || ledge(0).is_some_and(|(is_ledge, is_above)| is_ledge && is_above)
+            || ledge(-1).is_some_and(|(is_ledge, is_above)| is_ledge && !is_above)
     };
     any_ground(map, cell, config).is_some() && around(cell).any(differs)
 }
 
-/// Whether ground of which nothing was ever seen lies too near: a disc of it as wide as gaps may be, within the clearance.
+/// Whether ground of which nothing was ever seen lies too near: beside ground, and of a disc of it as wide as gaps may be.
 fn is_near_hidden_ground(map: &InformationMap, cell: CellIndex, start: CellIndex, config: &PlanningConfig) -> bool {
     let gap_m = 0.5 * config.hidden_width_m;
     let is_seen =
         |at: CellIndex| map.state(at) != CellState::Unknown || distance(at, start) <= config.start_clearance_m;
+    let stands = |at| matches!(map.state(at), CellState::Known(c) if c < config.sight_threshold);
     let within = |middle: CellIndex, radius_m: f64| {
         let reach = (radius_m / 0.3).floor() as i32;
         let square = (-reach..=reach).flat_map(move |x| (-reach..=reach).map(move |y| (middle.x + x, middle.y + y)));
         square.map(|(x, y)| CellIndex { x, y }).filter(move |&at| distance(at, middle) <= radius_m)
     };
-    within(cell, gap_m + config.hidden_clearance_m).any(|middle| !within(middle, gap_m).any(is_seen))
+    let is_wide = |at| within(at, gap_m).any(|middle| !within(middle, gap_m).any(is_seen));
+    let is_hidden =
+        |at: CellIndex| !is_seen(at) && is_wide(at) && around(at).any(|near| is_seen(near) && !stands(near));
+    within(cell, config.hidden_clearance_m).any(is_hidden)
 }
 
 /// Whether a robot from `situation` may be in this cell: proven ground clear of obstacles, steep ground and steps, or its
@@ -99,6 +113,13 @@ fn may_be_in(map: &InformationMap, cell: CellIndex, situation: &Situation, confi
         FootprintRule::Clear => !is_obstacle(near) && !is_steep(map, near, config),
         FootprintRule::Verified => is_proven(near) && !is_steep(map, near, config),
     };
+    let is_driven = |[from, to]: &[[f64; 2]; 2]| {
+        let cells = [from, to].map(|end| end.map(|metres| metres / 0.3));
+        !cells_touched_by_segment(cells[0], cells[1], |touched| touched != cell)
+    };
+    if map.driven().iter().any(is_driven) && !is_obstacle(cell) && config.is_in_work_area(map.centre_of(cell)) {
+        return true;
+    }
     if is_near_hidden_ground(map, cell, start, config) {
         return false;
     }
@@ -106,7 +127,7 @@ fn may_be_in(map: &InformationMap, cell: CellIndex, situation: &Situation, confi
         (distance(near, cell) > config.footprint_radius_m || may_be_under(near))
             && (distance(near, cell) > config.step_clearance_m || !stands_over_a_step(map, near, config))
     };
-    let mut around = (-3..=3).flat_map(|x| (-3..=3).map(move |y| CellIndex { x: cell.x + x, y: cell.y + y }));
+    let mut around = (-4..=4).flat_map(|x| (-4..=4).map(move |y| CellIndex { x: cell.x + x, y: cell.y + y }));
     is_proven(cell) && around.all(may_be_near) && config.is_in_work_area(map.centre_of(cell))
 }
 

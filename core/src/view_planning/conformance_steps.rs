@@ -59,7 +59,7 @@ fn the_robot_stays_on_a_deck_and_off_a_terrace_but_climbs_a_kerb() {
     };
     assert!(heights(&on_deck).iter().all(|z| *z > 2.9));
     let beside = heights(&at(6.0, 12.0));
-    assert!(beside.iter().all(|z| *z < 0.2) && beside.iter().any(|z| *z > 0.1), "{beside:?}");
+    assert!(beside.iter().all(|z| *z < 0.2) && beside.iter().any(|z| *z > 0.07), "{beside:?}");
     // Who masters higher steps is not held up by them.
     let giant = PlanningConfig { max_step_m: 2.0, max_slope_deg: 60.0, ..config() };
     let low = map_of(&rows.iter().map(|row| row.replace('^', "=")).collect::<Vec<_>>(), 0.3);

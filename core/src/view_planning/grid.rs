@@ -7,7 +7,7 @@ use super::relief::{Patch, ReliefLimits};
 use super::sweep::Blocking;
 use super::tile_digest::{SIDE, TileDigest};
 use super::tiles::{TileCache, TileWindow};
-use crate::information_map::{CellIndex, InformationMap, Obstruction, TILE_SIDE};
+use crate::information_map::{CellIndex, InformationMap, Obstruction, TILE_SIDE, cells_touched_by_segment};
 use nalgebra::Point3;
 
 /// The window of a plan: the ground that candidates and paths may use, and the scanner's range around it, so that no
@@ -25,7 +25,7 @@ pub(super) struct PlanningGrid {
     /// Slots of the tiles of the window.
     table: Vec<u32>,
     /// What the planes were laid out for.
-    laid_out: Option<(Extent, PlanningConfig, Vec<Obstruction>)>,
+    laid_out: Option<(Extent, PlanningConfig, Vec<Obstruction>, usize)>,
     /// C_nc under the sight threshold: blocks the view, is an obstacle. Rows of constant y.
     pub blocks: BitPlane,
     /// The same, rows of constant x.
@@ -44,6 +44,8 @@ pub(super) struct PlanningGrid {
     steep: BitPlane,
     /// Cells in which something held the robot.
     pub held: BitPlane,
+    /// Cells that the robot has driven over, and that neither hold it nor block its view now.
+    pub driven: BitPlane,
     /// Cells near ground that was never seen, wider than the gaps between the scanner's rings.
     hidden: BitPlane,
     /// The footprint would touch an obstacle, steep ground, a step, hidden ground or what held the robot, or what its rule
@@ -98,8 +100,9 @@ impl PlanningGrid {
     /// depends on has changed since the last call.
     pub fn lay_out(&mut self, map: &InformationMap, extent: &Extent, config: &PlanningConfig, threads: usize) -> bool {
         let obstructions = map.obstructions();
-        let is_layout = |(of, with, among): &(Extent, PlanningConfig, Vec<Obstruction>)| {
-            of == extent && with == config && among == obstructions
+        let driven = map.driven();
+        let is_layout = |(of, with, among, pieces): &(Extent, PlanningConfig, Vec<Obstruction>, usize)| {
+            of == extent && with == config && among == obstructions && *pieces == driven.len()
         };
         let is_same = self.laid_out.as_ref().is_some_and(is_layout);
         self.window = extent.window;
@@ -118,7 +121,8 @@ impl PlanningGrid {
         self.mark_beside(config);
         self.keep_near(extent);
         self.mark_cramped(config);
-        self.laid_out = Some((*extent, config.clone(), obstructions.to_vec()));
+        self.mark_driven(driven);
+        self.laid_out = Some((*extent, config.clone(), obstructions.to_vec(), driven.len()));
         true
     }
 
@@ -163,34 +167,50 @@ impl PlanningGrid {
         self.blocks.or_transposed_into(&mut self.blocks_by_column);
     }
 
-    /// Marks what lies near ground that nothing was ever seen of, and which is so wide that it may be hidden because it falls
-    /// away. Under the scanner, where it cannot look, the robot stands.
+    /// Marks what lies near ground that nothing was ever seen of, so wide that it may be hidden because it falls away, and with
+    /// nothing that stands between. Under the scanner, where it cannot look, the robot stands.
     fn mark_hidden(&mut self, extent: &Extent, config: &PlanningConfig) {
-        let (gap, clearance) = (0.5 * config.hidden_width_m / self.cell_m, config.hidden_clearance_m / self.cell_m);
-        if clearance <= 0.0 {
-            return self.hidden.reset(self.height, self.width / WORD, 0);
+        self.hidden.reset(self.height, self.width / WORD, 0);
+        if config.hidden_clearance_m <= 0.0 {
+            return;
         }
         self.scratch.stride = self.known.stride;
         self.scratch.words.clone_from(&self.known.words);
-        let robot = &extent.robot;
-        self.for_each_cell_within([robot.x, robot.y], config.start_clearance_m, |grid, row, bit| {
-            grid.scratch.set(row, bit)
-        });
-        self.scratch.words.iter_mut().for_each(|word| *word = !*word);
-        spread_wide_parts(&mut self.scratch, gap, clearance, &mut self.hidden);
+        let middle = |metres: f64| ((metres / self.cell_m).floor() + 0.5) * self.cell_m;
+        let start = [middle(extent.robot.x), middle(extent.robot.y)];
+        self.for_each_cell_within(start, config.start_clearance_m, |grid, row, bit| grid.scratch.set(row, bit));
+        let mut seen = std::mem::take(&mut self.scratch);
+        let mut hidden = std::mem::take(&mut self.hidden);
+        self.spread_hidden(&mut seen, config, &mut hidden);
+        (self.scratch, self.hidden) = (seen, hidden);
+    }
+
+    /// The cells as near to ground that may be hidden as the robot must not come; `seen` is used up.
+    fn spread_hidden(&self, seen: &mut BitPlane, config: &PlanningConfig, out: &mut BitPlane) {
+        let gap = 0.5 * config.hidden_width_m / self.cell_m;
+        let mut wide = BitPlane::default();
+        // What a disc of the gap's width fits into.
+        seen.dilate_into(gap, out);
+        out.words.iter_mut().for_each(|word| *word = !*word);
+        out.dilate_into(gap, &mut wide);
+        // Of that, what lies beside ground, and not behind a wall.
+        seen.words.iter_mut().zip(&self.blocks.words).for_each(|(seen, blocks)| *seen &= !blocks);
+        seen.dilate_into(std::f64::consts::SQRT_2, out);
+        wide.words.iter_mut().zip(&out.words).for_each(|(wide, beside)| *wide &= beside);
+        wide.dilate_into(config.hidden_clearance_m / self.cell_m, out);
     }
 
     /// Cells at ground of the work area of which nothing was ever seen: beside it, and those that the robot cannot go nearer
     /// than to ground that may be hidden.
     pub fn brink(&self, config: &PlanningConfig) -> BitPlane {
-        let (gap, clearance) = (0.5 * config.hidden_width_m / self.cell_m, config.hidden_clearance_m / self.cell_m);
         let mut brink = BitPlane::default();
         self.unexplored.dilate_into(std::f64::consts::SQRT_2, &mut brink);
-        if clearance > 0.0 {
-            let (mut unexplored, mut near_wide) = (self.unexplored.clone(), BitPlane::default());
-            spread_wide_parts(&mut unexplored, gap, clearance, &mut near_wide);
-            near_wide.dilate_into(std::f64::consts::SQRT_2, &mut unexplored);
-            brink.words.iter_mut().zip(&unexplored.words).for_each(|(brink, near)| *brink |= near);
+        if config.hidden_clearance_m > 0.0 {
+            let (mut seen, mut hidden) = (self.unexplored.clone(), BitPlane::default());
+            seen.words.iter_mut().for_each(|word| *word = !*word);
+            self.spread_hidden(&mut seen, config, &mut hidden);
+            hidden.dilate_into(std::f64::consts::SQRT_2, &mut seen);
+            brink.words.iter_mut().zip(&seen.words).for_each(|(brink, near)| *brink |= near);
         }
         brink
     }
@@ -319,6 +339,26 @@ impl PlanningGrid {
         }
     }
 
+    /// Where the robot has been it can be, though a scan says that it should not: ways back stay open.
+    fn mark_driven(&mut self, driven: &[[[f64; 2]; 2]]) {
+        let mut plane = std::mem::take(&mut self.driven);
+        plane.reset(self.height, self.width / WORD, 0);
+        for piece in driven {
+            let [from, to] = piece.map(|end| end.map(|metres| metres / self.cell_m));
+            cells_touched_by_segment(from, to, |cell| {
+                if let Some(at) = self.at(cell) {
+                    plane.set(at / self.width, at % self.width);
+                }
+                true
+            });
+        }
+        let shut = self.held.words.iter().zip(&self.blocks.words);
+        for (driven, (held, blocks)) in plane.words.iter_mut().zip(shut) {
+            *driven &= !(held | blocks);
+        }
+        self.driven = plane;
+    }
+
     fn corner(&self) -> CellIndex {
         CellIndex { x: self.window.low[0] * TILE_SIDE, y: self.window.low[1] * TILE_SIDE }
     }
@@ -415,6 +455,7 @@ impl PlanningGrid {
             &self.steps,
             &self.steep,
             &self.held,
+            &self.driven,
             &self.hidden,
             &self.cramped,
             &self.beside,
@@ -423,13 +464,4 @@ impl PlanningGrid {
         ];
         self.tiles.bytes() + planes.iter().map(|plane| 8 * plane.words.len()).sum::<usize>() + 4 * self.table.len()
     }
-}
-
-/// The parts of a plane that hold a disc of radius `gap`, and what lies within `reach` of those [cells]. Uses the plane up.
-fn spread_wide_parts(plane: &mut BitPlane, gap: f64, reach: f64, out: &mut BitPlane) {
-    plane.words.iter_mut().for_each(|word| *word = !*word);
-    plane.dilate_into(gap, out);
-    out.words.iter_mut().for_each(|word| *word = !*word);
-    std::mem::swap(plane, out);
-    plane.dilate_into(gap + reach, out);
 }

@@ -2,9 +2,11 @@
 //!
 //! Over a step a cell that can be driven on stands higher than ground beside it that the robot cannot get down to, as at the
 //! edge of a deck or of a bank; whether that ground could be driven on does not matter to who falls onto it. The robot keeps
-//! clear of such cells, and so of any two neighbours that it may enter the ground differs by no more than it masters. A kerb
-//! is as high as that at most; a bank that rises as much again in the next cell is a slope, which no single pair of cells
-//! tells from a kerb: that is judged over two cells.
+//! clear of such cells, and so of any two neighbours that it may enter the ground differs by no more than it masters.
+//!
+//! No single pair of cells tells a kerb from a slope. Slopes are judged over two cells, ledges such as kerbs over five: by how
+//! much more the ground rises over the middle two of four intervals than over the outer two, which is nothing on a slope, however it
+//! bends (a third difference), and the height of the ledge whether it lies between cells or within one.
 
 use super::config::PlanningConfig;
 use super::grid::PlanningGrid;
@@ -22,6 +24,8 @@ pub(super) struct ReliefLimits {
     /// that is too steep does not.
     pub over_beside: f32,
     pub over_diagonal: f32,
+    /// By more than this a ledge stands over the slope that it lies in.
+    pub ledge: f32,
     /// The steepest slope.
     pub slope: f32,
     /// The step.
@@ -42,6 +46,7 @@ impl ReliefLimits {
             diagonal: limit(diagonal_m, config.max_step_m),
             over_beside: limit(2.0 * cell_m, part),
             over_diagonal: limit(2.0 * diagonal_m, part),
+            ledge: config.max_step_m as f32,
             slope: slope as f32,
             step: config.max_step_m as f32,
         }
@@ -53,8 +58,10 @@ impl ReliefLimits {
     }
 }
 
-/// Cells of a patch along a side: a tile, and one cell around it.
-const PATCH: usize = SIDE + 2;
+/// Cells around a tile that belong to its patch.
+const RIM: usize = 3;
+/// Cells of a patch along a side.
+const PATCH: usize = SIDE + 2 * RIM;
 
 /// Heights of the ground of a tile and of the cells around it [m, map frame], NaN where none is known; rows of constant y.
 #[derive(Debug, Clone)]
@@ -65,7 +72,7 @@ impl Patch {
     pub fn of(grid: &PlanningGrid, group: usize, tile_row: usize) -> Self {
         let mut heights = [[f32::NAN; PATCH]; PATCH];
         // Where a patch's cells lie in the tile before, this one, and the next: from, to, and the first of the tile's.
-        let spans = [(0, 1, SIDE - 1), (1, PATCH - 1, 0), (PATCH - 1, PATCH, 0)];
+        let spans = [(0, RIM, SIDE - RIM), (RIM, RIM + SIDE, 0), (RIM + SIDE, PATCH, 0)];
         for (dy, &(top, bottom, first_row)) in spans.iter().enumerate() {
             for (dx, &(left, right, first)) in spans.iter().enumerate() {
                 let place = (group + dx).checked_sub(1).zip((tile_row + dy).checked_sub(1));
@@ -84,46 +91,75 @@ impl Patch {
 
     /// The cells that stand over one of their neighbours by more than the robot masters, by rows.
     pub fn over_steps(&self, limits: &ReliefLimits) -> [u16; SIDE] {
-        std::array::from_fn(|y| {
-            let [below, row, above] = self.rows(y);
-            bits(|x| {
-                let over = |other: f32, limit: f32| row[x + 1] - other > limit;
-                over(row[x], limits.beside)
-                    | over(row[x + 2], limits.beside)
-                    | over(below[x + 1], limits.beside)
-                    | over(above[x + 1], limits.beside)
-                    | over(below[x], limits.diagonal)
-                    | over(below[x + 2], limits.diagonal)
-                    | over(above[x], limits.diagonal)
-                    | over(above[x + 2], limits.diagonal)
-            })
+        self.cells(|cell| {
+            let over = |dx: isize, dy: isize, limit: f32| cell.at(0, 0) - cell.at(dx, dy) > limit;
+            over(-1, 0, limits.beside)
+                | over(1, 0, limits.beside)
+                | over(0, -1, limits.beside)
+                | over(0, 1, limits.beside)
+                | over(-1, -1, limits.diagonal)
+                | over(1, -1, limits.diagonal)
+                | over(-1, 1, limits.diagonal)
+                | over(1, 1, limits.diagonal)
         })
     }
 
-    /// The cells with ground on both sides that differs by more than the steepest slope, by rows.
+    /// The cells with ground on both sides that differs by more than the steepest slope, and the upper ones at ledges, by rows.
     pub fn steep(&self, limits: &ReliefLimits) -> [u16; SIDE] {
-        std::array::from_fn(|y| {
-            let [below, row, above] = self.rows(y);
-            bits(|x| {
-                let differ = |a: f32, b: f32, limit: f32| (a - b).abs() > limit;
-                !row[x + 1].is_nan()
-                    & (differ(row[x], row[x + 2], limits.over_beside)
-                        | differ(below[x + 1], above[x + 1], limits.over_beside)
-                        | differ(below[x], above[x + 2], limits.over_diagonal)
-                        | differ(above[x], below[x + 2], limits.over_diagonal))
-            })
+        self.cells(|cell| {
+            let is_steep = |dx: isize, dy: isize, limit: f32| (cell.at(dx, dy) - cell.at(-dx, -dy)).abs() > limit;
+            let is_ledge = |dx: isize, dy: isize| {
+                cell.is_on_ledge(dx, dy, limits.ledge) | cell.is_on_ledge(-dx, -dy, limits.ledge)
+            };
+            !cell.at(0, 0).is_nan()
+                & (is_steep(1, 0, limits.over_beside)
+                    | is_steep(0, 1, limits.over_beside)
+                    | is_steep(1, 1, limits.over_diagonal)
+                    | is_steep(1, -1, limits.over_diagonal)
+                    | is_ledge(1, 0)
+                    | is_ledge(0, 1)
+                    | is_ledge(1, 1)
+                    | is_ledge(1, -1))
         })
     }
 
-    /// A row of the tile between those before and behind it.
-    fn rows(&self, y: usize) -> [&[f32; PATCH]; 3] {
-        [&self.0[y], &self.0[y + 1], &self.0[y + 2]]
+    /// One bit for every cell of the tile of which `is_set` says so.
+    #[inline(always)]
+    fn cells(&self, is_set: impl Fn(Around<'_>) -> bool) -> [u16; SIDE] {
+        std::array::from_fn(|y| {
+            (0..SIDE).fold(0, |bits, x| bits | u16::from(is_set(Around { patch: self, x, y })) << x)
+        })
     }
 }
 
-#[inline]
-fn bits(is_set: impl Fn(usize) -> bool) -> u16 {
-    (0..SIDE).fold(0, |bits, x| bits | u16::from(is_set(x)) << x)
+/// A cell of the tile and those around it.
+#[derive(Clone, Copy)]
+struct Around<'a> {
+    patch: &'a Patch,
+    x: usize,
+    y: usize,
+}
+
+impl Around<'_> {
+    /// Whether a ledge that is climbed in this direction has its upper side here.
+    #[inline(always)]
+    fn is_on_ledge(self, dx: isize, dy: isize, limit: f32) -> bool {
+        // The ledge lies around the cell `k` steps on; the cell is above it, or it runs through it.
+        let around = |k: isize| {
+            let height = |j: isize| self.at((k + j) * dx, (k + j) * dy);
+            let (rise, outside) = (height(1) - height(-1), height(2) - height(-2));
+            let is_ledge = (2.0 * rise - outside > limit) & (rise > 0.5 * limit);
+            (is_ledge, height(0) - height(-1) >= 0.5 * rise)
+        };
+        let ((here, is_above), (before, runs_through)) = (around(0), around(-1));
+        (here & is_above) | (before & !runs_through)
+    }
+
+    /// The height so many cells from it along x and y, at most three.
+    #[inline(always)]
+    fn at(self, dx: isize, dy: isize) -> f32 {
+        self.patch.0[(self.y + RIM).wrapping_add_signed(dy)][(self.x + RIM).wrapping_add_signed(dx)]
+    }
 }
 
 #[cfg(test)]
@@ -140,10 +176,10 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_a_wheel_s_radius_and_the_steepest_slope_are_mastered_and_half_a_metre_is_not() {
+    fn a_step_of_a_decimetre_and_the_steepest_slope_are_mastered_and_half_a_metre_is_not() {
         let slope = 20f32.to_radians().tan();
-        assert!(limits().beside > 0.165 + 0.29 * slope && limits().diagonal > 0.165 + 0.42 * slope);
-        assert!(limits().diagonal < 0.35, "{:?}", limits());
+        assert!(limits().beside > 0.1 + 0.29 * slope && limits().diagonal > 0.1 + 0.42 * slope);
+        assert!(limits().diagonal < 0.3, "{:?}", limits());
     }
 
     #[test]
@@ -153,8 +189,31 @@ mod tests {
             let slope = |deg: f32| patch(move |x, y| (x * cos + y * sin) * deg.to_radians().tan());
             assert_eq!(slope(20.0).steep(&limits()), [0; SIDE], "{heading}");
             assert_eq!(slope(31.0).steep(&limits()), [u16::MAX; SIDE], "{heading}");
-            let kerb = patch(|x, y| if (x - 2.4) * cos + (y - 2.4) * sin > 0.0 { 0.15 } else { 0.0 });
-            assert_eq!((kerb.steep(&limits()), kerb.over_steps(&limits())), ([0; SIDE], [0; SIDE]), "{heading}");
+            let bend = patch(|x, y| 0.04 * ((x - 3.0) * cos + (y - 3.0) * sin).powi(2));
+            assert_eq!(bend.steep(&limits()), [0; SIDE], "{heading}");
+        }
+    }
+
+    #[test]
+    fn a_kerb_is_a_ledge_wherever_it_lies_between_the_cells_and_a_low_one_is_none() {
+        for shift in (0..10).map(|k| 0.03 * k as f32) {
+            // The mean height of a cell through which the kerb's edge runs, on a slope of 10 degrees.
+            let kerb = |height: f32, is_bar: bool| {
+                let share = move |x: f32, edge: f32| ((x + 0.15 - edge) / 0.3).clamp(0.0, 1.0);
+                patch(move |x, _| {
+                    let bar = if is_bar { share(x, 2.7 + shift) } else { 0.0 };
+                    height * (share(x, 2.4 + shift) - bar) + 0.176 * x
+                })
+            };
+            for is_bar in [false, true] {
+                // The mean heights of the two cells that a bar lies in show less of it.
+                let ledge = kerb(if is_bar { 0.14 } else { 0.12 }, is_bar).steep(&limits());
+                assert!(ledge.iter().all(|row| *row != 0), "{shift} {is_bar} {ledge:?}");
+                // A bar as narrow as a cell counts double where the ground falls on both sides of it.
+                let low = if is_bar { 0.04 } else { 0.08 };
+                assert_eq!(kerb(low, is_bar).steep(&limits()), [0; SIDE], "{shift}");
+                assert_eq!(kerb(0.12, is_bar).over_steps(&limits()), [0; SIDE], "{shift}");
+            }
         }
     }
 
@@ -167,10 +226,10 @@ mod tests {
                 false => f32::NAN,
             })
         };
-        // The last cell of the deck is the seventh of the tile.
-        assert_eq!(edge(0.5, true).over_steps(&limits()), [1 << 6; SIDE]);
+        // The last cell of the deck is the fifth of the tile.
+        assert_eq!(edge(0.5, true).over_steps(&limits()), [1 << 4; SIDE]);
         assert_eq!(edge(0.5, false).over_steps(&limits()), [0; SIDE]);
-        assert_eq!(edge(0.5, true).steep(&limits()), [0b1100_0000; SIDE]);
+        assert_eq!(edge(0.5, true).steep(&limits()), [0b11_0000; SIDE]);
         assert_eq!(edge(0.5, false).steep(&limits()), [0; SIDE]);
     }
 }

@@ -100,7 +100,8 @@ impl Survey {
         Ground { navigable_cells, reachable_cells, mean_quality }
     }
 
-    /// Ground that can be driven on: in the work area, C_nc over the threshold, room for the footprint. Around the start
+    /// Ground that can be driven on: in the work area, C_nc over the threshold, room for the footprint; and what the robot has
+    /// driven over, at the cost of ground that it must get away from. Around the start
     /// the robot has proven the ground by standing there, so whatever is not an obstacle or a step passes, at the cost of ground
     /// that just passes; without this the blind spot under the scanner would lock the robot in. Between no two neighbours
     /// that pass the ground differs by more than the robot masters.
@@ -111,19 +112,19 @@ impl Survey {
         terrain.slowness.clear();
         terrain.slowness.resize(grid.len(), f32::INFINITY);
         let dearer = dearer(config);
-        let planes = grid.navigable.words.iter().zip(&grid.area.words).zip(&grid.cramped.words);
-        for (word, ((navigable, area), cramped)) in planes.enumerate() {
-            let mut free = navigable & area & !cramped;
+        let worst = 1.0 / config.navigable_threshold as f32;
+        let ground =
+            grid.navigable.words.iter().zip(&grid.cramped.words).zip(grid.driven.words.iter().zip(&grid.area.words));
+        for (word, ((navigable, cramped), (driven, area))) in ground.enumerate() {
+            let mut free = (navigable & !cramped | driven) & area;
             while free != 0 {
                 let at = word * super::bits::WORD + free.trailing_zeros() as usize;
                 free &= free - 1;
-                if let Some((digest, within)) = grid.known_cell(at) {
-                    let closeness = usize::from(grid.closeness(at));
-                    terrain.slowness[at] = dearer[closeness] / digest.cells.navigability[within];
-                }
+                let proven = grid.known_cell(at).filter(|_| grid.has(&grid.navigable, at));
+                let slowness = proven.map_or(worst, |(digest, within)| 1.0 / digest.cells.navigability[within]);
+                terrain.slowness[at] = dearer[usize::from(grid.closeness(at))] * slowness;
             }
         }
-        let worst = 1.0 / config.navigable_threshold as f32;
         self.terrain.slowness[start] = self.terrain.slowness[start].min(worst);
         for at in self.around_start(start, config.start_clearance_m) {
             if self.terrain.slowness[at].is_infinite() && self.is_even_with_ground_around(at, start, config) {

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// A world drawn as text: `.` ground, `-`, `=` and `^` ground 0.12 m, 0.6 m and 3 m higher, `#` wall, anything else unknown;
+/// A world drawn as text: `.` ground, `-`, `=` and `^` ground 0.08 m, 0.6 m and 3 m higher, `#` wall, anything else unknown;
 /// the first line has y = 0. Every cell holds eight points of quality `quality`.
 pub fn map_of(rows: &[String], quality: f32) -> InformationMap {
     let (mut points, mut scores) = (Vec::new(), Vec::new());
@@ -20,7 +20,7 @@ pub fn map_of(rows: &[String], quality: f32) -> InformationMap {
         for (x, kind) in row.chars().enumerate() {
             let (score, z) = match kind {
                 '.' => (ground(quality), 0.0),
-                '-' => (ground(quality), 0.12),
+                '-' => (ground(quality), 0.08),
                 '=' => (ground(quality), 0.6),
                 '^' => (ground(quality), 3.0),
                 '#' => (wall(quality), 0.0),

@@ -175,6 +175,7 @@ fn word(name: HypothesisName) -> &'static str {
         HypothesisName::ConstantMotion => "constant motion",
         HypothesisName::ConstantMotionWide => "constant motion, wide gate",
         HypothesisName::OlderScan => "prior, an older scan near it",
+        HypothesisName::Submap => "refined, all near scans as one",
         HypothesisName::ZeroMotion => "no motion",
         HypothesisName::Search => "search around the last pose",
         HypothesisName::Relocalisation => "relocalisation at a keyframe",

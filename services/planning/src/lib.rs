@@ -14,6 +14,7 @@ mod replan;
 mod scan_file;
 mod service;
 mod state;
+mod way;
 
 pub use config::{CorrectionConfig, PlanningServiceConfig};
 pub use service::run;

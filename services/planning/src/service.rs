@@ -6,8 +6,8 @@ use mirador_core::geometry::{Pose, pose_from_rows, rows_from_pose};
 use mirador_core::information_map::{Condenser, Correction};
 use mirador_core::view_planning::{PlanningConfig, Situation, Strategy, StrategyRegistry, Workspace};
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_REJECTED, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, ReplanRequest,
-    ViewPlanMeta, WorkSpan,
+    ALIGNMENT_REJECTED, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, PathMeta,
+    ReplanRequest, ViewPlanMeta, Waypoint, WorkSpan,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Pause, Subscriber, Wakeable, clock, topics};
@@ -19,7 +19,7 @@ use crate::figures::FigureBook;
 use crate::inbox::{Inbox, Step};
 use crate::outbox::{Outbox, TileNews};
 use crate::state::{self, KeptMap, Progress};
-use crate::{PlanningServiceConfig, messages, replan};
+use crate::{PlanningServiceConfig, messages, replan, way};
 
 /// Plans after every scan of the run until the process is stopped.
 ///
@@ -205,6 +205,7 @@ impl<'a> Planning<'a> {
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let map_from_scanner = pose_from_rows(&step.alignment.map_from_scanner)
             .ok_or_else(|| work("its alignment is not a rigid pose".into()))?;
+        self.note_way(&robot_pose(&map_from_scanner, step.scores.meta().ground_height_m));
         if step.alignment.status != ALIGNMENT_REJECTED {
             self.update_map(number, step, &map_from_scanner).map_err(work)?;
         }
@@ -241,6 +242,14 @@ impl<'a> Planning<'a> {
             self.health.finished(participant, self.progress.finished_scans, begin.elapsed());
         }
         Ok(())
+    }
+
+    /// Notes in the map how far the robot has come along the last path.
+    fn note_way(&mut self, map_from_robot: &Pose) {
+        let Some((_, waypoints)) = messages::from_bytes::<PathMeta, Waypoint>(&self.progress.last_path) else { return };
+        let path: Vec<_> = waypoints.iter().map(|waypoint| [waypoint.position[0], waypoint.position[1]]).collect();
+        let place = map_from_robot.translation.vector;
+        self.kept.map.drove(&way::driven(&path, [place.x, place.y]));
     }
 
     fn update_map(&mut self, number: u32, step: &Step, map_from_scanner: &Pose) -> Result<(), String> {

@@ -75,6 +75,8 @@ pub(crate) fn save(path: &Path, kept: &KeptMap, progress: &Progress) -> Result<(
     for Obstruction { centre: [x, y], radius_m } in kept.map.obstructions() {
         [x, y, radius_m].iter().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
     }
+    out.extend_from_slice(&(kept.map.driven().len() as u64).to_le_bytes());
+    kept.map.driven().iter().flatten().flatten().for_each(|value| out.extend_from_slice(&value.to_le_bytes()));
     out.extend_from_slice(&(progress.visited.len() as u64).to_le_bytes());
     for (scan, place) in &progress.visited {
         out.extend_from_slice(&scan.to_le_bytes());
@@ -117,6 +119,9 @@ pub(crate) fn open(
     for obstruction in saved.obstructions {
         map.obstruct(obstruction);
     }
+    for piece in saved.driven {
+        map.drove(&piece);
+    }
     map.resume_revision(saved.revision);
     Ok((KeptMap { map, poses: saved.poses, file }, saved.progress))
 }
@@ -129,6 +134,7 @@ struct Saved {
     poses: ScanPoses,
     zones: ZoneList,
     obstructions: Vec<Obstruction>,
+    driven: Vec<[[f64; 2]; 2]>,
 }
 
 fn read(path: PathBuf, content: &[u8]) -> Result<Saved, CheckpointError> {
@@ -163,6 +169,11 @@ fn parse(body: &[u8]) -> Option<Saved> {
         let [x, y, radius_m] = [(); 3].map(|()| take(&mut rest).map(f64::from_le_bytes));
         obstructions.push(Obstruction { centre: [x?, y?], radius_m: radius_m? });
     }
+    let mut driven = Vec::new();
+    for _ in 0..u64::from_le_bytes(take(&mut rest)?) {
+        let [a, b, c, d] = [(); 4].map(|()| take(&mut rest).map(f64::from_le_bytes));
+        driven.push([[a?, b?], [c?, d?]]);
+    }
     let mut visited = Vec::new();
     for _ in 0..u64::from_le_bytes(take(&mut rest)?) {
         let scan = u32::from_le_bytes(take(&mut rest)?);
@@ -179,7 +190,7 @@ fn parse(body: &[u8]) -> Option<Saved> {
         ground_height_m,
         visited,
     };
-    rest.is_empty().then_some(Saved { progress, revision, places, poses, zones, obstructions })
+    rest.is_empty().then_some(Saved { progress, revision, places, poses, zones, obstructions, driven })
 }
 
 fn message(rest: &mut &[u8]) -> Option<Vec<u8>> {
@@ -226,6 +237,7 @@ mod tests {
         }
         let zone = Zone { centre: Point3::new(5.0, 0.0, 1.0), normal: Vector3::x() };
         kept.map.obstruct(Obstruction { centre: [1.0 / 3.0, -2.0], radius_m: 0.3 });
+        kept.map.drove(&[[0.0, 1.0], [1.0 / 3.0, 1.0], [2.0, -1.0]]);
         kept.map.update_zones(1, &[zone], &Pose::translation(0.0, 60.0, 0.0), &ZoneConfig::default());
         let there = Pose::new(Vector3::new(0.1, 0.2, 0.3), Vector3::new(0.0, 0.0, 0.01));
         kept.poses.correct(1, &there, &MoveConfig::default());

@@ -14,13 +14,12 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use mirador_core::geometry::{Pose, rotation_angle};
-use mirador_core::registration::{Limits, Registration, Registry};
+use mirador_core::registration::{Limits, Registration, RegistrationConfig, Registry};
 use serde::Serialize;
 
 pub use page::page;
 
 use super::RegistrationBenchError;
-use super::ours::create;
 use crate::{BenchReport, Machine};
 use data::{DataSet, Pair};
 
@@ -37,6 +36,8 @@ pub struct AllPairsOptions {
     pub methods: Vec<String>,
     /// Worker threads of each method.
     pub threads: usize,
+    /// Settings of the methods, but for the threads.
+    pub settings: RegistrationConfig,
     /// Scans farther apart than this make no pair [m].
     pub max_distance_m: f64,
     /// The largest translation error of a success [m].
@@ -53,6 +54,7 @@ impl Default for AllPairsOptions {
             poses: None,
             methods: Vec::new(),
             threads: 2,
+            settings: RegistrationConfig::default(),
             max_distance_m: 4.0,
             success_m: 0.1,
             success_deg: 1.0,
@@ -146,7 +148,8 @@ pub fn run(
     };
     let mut methods = Vec::new();
     for name in &names {
-        methods.push(create(registry, name, options.threads)?);
+        let settings = RegistrationConfig { threads: options.threads, ..options.settings.clone() };
+        methods.push(registry.create(name, &settings)?);
     }
     let data = DataSet::read(options)?;
     data.about.iter().for_each(|line| say(line));

@@ -57,6 +57,7 @@ impl Minimiser for NormalDistributions {
     type Sum = Sum;
     type Approach = PointToPlane;
     const NAME: &'static str = "ndt";
+    const IS_ROBUST: bool = false;
     /// Distributions resist sliding along themselves until the points have moved to the next: steps are short.
     const TOLERANCE_SHARE: f64 = 0.1;
 

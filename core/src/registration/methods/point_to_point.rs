@@ -71,6 +71,7 @@ impl Minimiser for PointToPoint {
     /// From afar points say little about where their surfaces are; planes lead there in a few steps.
     type Approach = PointToPlane;
     const NAME: &'static str = "point_to_point";
+    const IS_ROBUST: bool = false;
     const TOLERANCE_SHARE: f64 = 0.25;
 
     fn settings(_: &RegistrationConfig, gates: &Gates) -> Gates {

@@ -16,6 +16,7 @@ use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
 use super::bench_pipeline;
+use super::session::load_graph;
 use crate::cli::{AllPairsArgs, BenchCompareArgs, BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
 use crate::{EXIT_DONE, EXIT_FAILED, Registry, UsageError};
 
@@ -56,7 +57,7 @@ pub fn ipc(
 }
 
 /// Any methods over all pairs of a folder of scans.
-fn all_pairs(args: &BenchRegistrationArgs, data: &Path, quiet: bool, registry: &Registry) -> Result<u8> {
+fn all_pairs(common: &Common, args: &BenchRegistrationArgs, data: &Path, registry: &Registry) -> Result<u8> {
     if args.repetitions.is_some() || !args.cases.is_empty() || args.growth_scans.is_some() || args.python.is_some() {
         let message = format!(
             "{}: of a folder of scans every pair is aligned once: --repetitions, --cases, --growth-scans and --python are for \
@@ -72,12 +73,13 @@ fn all_pairs(args: &BenchRegistrationArgs, data: &Path, quiet: bool, registry: &
         poses: pairs.poses.clone(),
         methods: args.methods.clone(),
         threads: pairs.threads.unwrap_or(default.threads),
+        settings: load_graph(common, None, registry)?.alignment.method,
         max_distance_m: pairs.max_distance.unwrap_or(default.max_distance_m),
         success_m: pairs.success_m.unwrap_or(default.success_m),
         success_deg: pairs.success_deg.unwrap_or(default.success_deg),
     };
     let mut say = |line: &str| {
-        if !quiet {
+        if !common.quiet {
             eprintln!("{line}");
         }
     };
@@ -103,9 +105,10 @@ fn usage_or_failure(error: RegistrationBenchError) -> anyhow::Error {
 }
 
 /// Speed and error of registration, beside the peers.
-pub fn registration(args: &BenchRegistrationArgs, quiet: bool, registry: &Registry) -> Result<u8> {
+pub fn registration(common: &Common, args: &BenchRegistrationArgs, registry: &Registry) -> Result<u8> {
+    let quiet = common.quiet;
     if let Some(data) = args.data.as_deref().filter(|data| registration::all_pairs::is_data_set(data)) {
-        return all_pairs(args, data, quiet, registry);
+        return all_pairs(common, args, data, registry);
     }
     if args.pairs != AllPairsArgs::default() {
         let message = "--truth, --poses, --html, --max-distance, --success-m, --success-deg and --threads are for a folder of scans: \

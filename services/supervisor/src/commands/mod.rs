@@ -46,7 +46,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
             bench::simulator(json.as_deref(), repetitions, common.quiet)
         }
         Some(Command::Bench { what: BenchCommand::Registration(args) }) => {
-            bench::registration(&args, common.quiet, &registry)
+            bench::registration(common, &args, &registry)
         }
         Some(Command::Bench { what: BenchCommand::Compare(args) }) => bench::compare(&args),
         Some(Command::Bench { what: BenchCommand::Pipeline(args) }) => bench::pipeline(common, &args, &registry),

@@ -1,0 +1,59 @@
+//! A scan that shares little with the one it was aligned to, aligned once more to that one and others near it as one: what the
+//! older scans see together holds it where a single one leaves it to slide.
+
+use super::older_scans::{Accepted, OlderScans};
+use super::sequential::{Attempt, SequentialAligner};
+use super::{AlignmentRecord, HypothesisName, TargetState};
+use crate::geometry::Pose;
+use crate::registration::PreparedScan;
+use crate::scan::{Point, ScanView};
+
+impl SequentialAligner {
+    /// Aligns an accepted scan once more, from where it was found, to its target together with the accepted scans near it. The
+    /// record is left as it is unless the result is accepted and overlaps more.
+    pub(super) fn refine(
+        &mut self,
+        record: &mut AlignmentRecord,
+        last: Accepted,
+        older: &mut dyn OlderScans,
+        source: &dyn PreparedScan,
+    ) {
+        if self.config().submap_scans == 0 || record.overlap >= self.config().submap_below_overlap {
+            return;
+        }
+        let Some(target_id) = record.target_id else { return };
+        let found = record.map_from_scanner;
+        // Scans of an earlier pass that no closed loop ties to the target may stand beside where they belong.
+        let mut members = older.tied_to(self.registration(), target_id, &found, self.config().submap_scans);
+        let is_last = last.0.scan_id == target_id;
+        let target = if is_last { Some(last) } else { older.by_id(self.registration(), target_id) };
+        let Some(target) = target.filter(|_| !members.is_empty()) else { return };
+        members.push(target.clone());
+        let target = &target.0;
+        // What some methods need beside points cannot be made from these: then the record stays as it is.
+        let Ok(together) = self.registration().prepare(ScanView::unordered(&merged(target, &members))) else { return };
+        let pair_distance_m = self.config().limits.pair_distance_m;
+        let (name, start) = (HypothesisName::Submap, target.map_from_scanner.inverse() * found);
+        let attempt = Attempt { name, target, scan: &*together, start, pair_distance_m };
+        let mut refined = record.clone();
+        if self.attempt(&mut refined, &attempt, source) && refined.overlap > record.overlap {
+            *record = refined;
+        } else {
+            // What was tried is said all the same.
+            (record.hypotheses, record.iterations) = (refined.hypotheses, refined.iterations);
+        }
+    }
+}
+
+/// The points of all scans in the frame of the target.
+fn merged(target: &TargetState, members: &[Accepted]) -> Vec<Point> {
+    let mut points = Vec::with_capacity(members.iter().map(|(_, scan)| scan.points().len()).sum());
+    for (state, scan) in members {
+        let target_from_scan: Pose = target.map_from_scanner.inverse() * state.map_from_scanner;
+        points.extend(scan.points().iter().map(|point| {
+            let [x, y, z] = (target_from_scan * nalgebra::Point3::from(point.map(f64::from))).coords.into();
+            Point::new(x as f32, y as f32, z as f32)
+        }));
+    }
+    points
+}
