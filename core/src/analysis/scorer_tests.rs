@@ -102,14 +102,15 @@ fn points_out_of_reach_keep_their_quality_and_are_not_scored() {
     let (mut high, mut over_robot) = (0, 0);
     for (point, score) in scan.points.iter().zip(&scores).filter(|(_, s)| s.is_valid()) {
         let (height, distance) = (point.z + 1.0, point.x.hypot(point.y));
-        assert_eq!(score.is_reachable(), within_reach(height, distance, 20f32.to_radians().tan(), 1.0));
+        let robot_height = ScoreConfig::default().robot_height_m as f32;
+        assert_eq!(score.is_reachable(), within_reach(height, distance, 20f32.to_radians().tan(), robot_height));
         if !score.is_reachable() {
             assert!(score.navigable == 0 && score.obstacle == 0 && score.quality > 0);
             high += 1;
         }
         // B_l is 0 over the robot; only the points next to its height take some from their neighbours. (Cells grow with
         // distance, so only the near part of the wall is judged.)
-        if score.is_reachable() && height > 1.2 && distance < 6.0 {
+        if score.is_reachable() && height > robot_height + 0.2 && distance < 6.0 {
             assert_eq!(score.obstacle, 0);
             over_robot += 1;
         }

@@ -110,7 +110,7 @@ pub struct TourConfig {
     /// Quality over this is not worked for, 0.05 to 1.
     pub enough_quality: f64,
     /// Metres of driving that cost as much as a scan, 0.1 to 100,000: a view so far from the robot and from all others of
-    /// the tour counts half. Smaller drives less and leaves more out.
+    /// the tour, or farther, counts half. Smaller drives less and leaves more out.
     pub scan_metres: f64,
     /// At most so many views in a tour, 1 to 1,000.
     pub max_views: usize,

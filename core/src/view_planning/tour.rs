@@ -24,12 +24,15 @@ use crate::information_map::InformationMap;
 /// them. A candidate's utility is what it adds to those taken before it, as a share of what a view of flat, never seen
 /// ground brings; that of candidates not taken is what they would add. Views are taken by that share for the effort: it
 /// counts in full where the robot is, and half where the way to it, from the robot or another view of the tour, is as
-/// long as a scan is worth. It stops when no view brings the least share.
+/// long as a scan is worth, or longer. It stops when no view brings the least share.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct CoverageTour;
 
 /// Improvements smaller than this are not counted, cell by cell: far cells become better by next to nothing from anywhere.
 const LEAST_IMPROVEMENT: f32 = 0.02;
+
+/// A view counts for this share of what it brings, however far it is: what is left in a far corner is work as well.
+const LEAST_SHARE_FAR: f64 = 0.5;
 
 /// What one view shows.
 #[derive(Debug, Default)]
@@ -210,7 +213,7 @@ impl Choice<'_> {
         let [x, y] = self.places[index];
         let to = |&other: &usize| (self.places[other][0] - x).hypot(self.places[other][1] - y);
         let way = self.chosen.iter().map(to).fold(self.from_robot[index], f64::min);
-        (adds, adds * self.scan_metres / (self.scan_metres + way))
+        (adds, adds * (self.scan_metres / (self.scan_metres + way)).max(LEAST_SHARE_FAR))
     }
 
     fn wait(&self, index: usize) -> Waiting {
