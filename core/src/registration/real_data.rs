@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::test_scenes::{data, read_pose, read_xyz32};
+use super::test_scenes::{YARD, data, read_pose, read_xyz32, scan_of};
 use super::{Alignment, Limits, Optimiser, RegistrationConfig, Registry, RobustKernel};
 use crate::geometry::{Pose, rotation_angle};
 use crate::scan::{Point, ScanView};
@@ -107,5 +107,20 @@ fn kernels_trimming_and_both_optimisers_agree_on_the_handheld_pair() {
                 "{method}, {config:?}: {metres} m, {degrees} deg"
             );
         }
+    }
+}
+
+/// Of a yard the second scan sees boards as well, a hand's breadth before the walls, that the first one did not.
+#[test]
+fn the_last_steps_are_not_pulled_by_surfaces_that_only_one_scan_saw() {
+    let boards =
+        YARD[1..5].iter().map(|(corner, u, v)| ([corner[0], corner[1] + 0.4, corner[2]], u.map(|x| 0.5 * x), *v));
+    let with_boards: Vec<_> = YARD.into_iter().chain(boards).collect();
+    let truth = Pose::new(nalgebra::Vector3::new(1.5, 0.6, 0.0), nalgebra::Vector3::new(0.0, 0.0, 0.3));
+    let target = scan_of(&YARD, &Pose::identity(), 80.0, 3);
+    let source = scan_of(&with_boards, &truth, 80.0, 4);
+    for method in ["gicp", "point_to_plane", "symmetric_point_to_plane"] {
+        let (metres, degrees, _) = pair(method, "boards", &source, &target, &truth);
+        assert!(metres < 0.003 && degrees < 0.03, "{method}: {metres} m, {degrees} deg");
     }
 }

@@ -4,7 +4,7 @@ use super::config::PlanningConfig;
 use super::plan::ViewPlan;
 use super::random::Random;
 use super::test_worlds::{at, map_of, plan_with};
-use crate::information_map::{CellIndex, CellState, InformationMap, cells_touched_by_segment};
+use crate::information_map::{CellIndex, CellState, InformationMap, Obstruction, cells_touched_by_segment};
 
 /// Forty by forty cells of ground with a wall over `columns` of the row at y = 6 m.
 fn walled(columns: impl Fn(usize) -> bool) -> InformationMap {
@@ -59,4 +59,34 @@ fn a_gap_narrower_than_the_clearance_is_driven_through_where_there_is_no_other_w
     let plan = way_across(&map, 0.95);
     let least = least_distance(&plan, &map, [6.0, 2.0]);
     assert!((0.5..0.95).contains(&least), "{least} m");
+}
+
+#[test]
+fn what_held_the_robot_is_kept_away_from_and_closes_a_gap() {
+    let mut map = walled(|x| !(18..=22).contains(&x));
+    assert!(way_across(&map, 0.95).path.len() > 1);
+    assert!(map.obstruct(Obstruction { centre: [6.0, 6.0], radius_m: 0.3 }));
+    assert!(!map.obstruct(Obstruction { centre: [6.0, 6.0], radius_m: 0.3 }), "it is known already");
+    assert!(!map.obstruct(Obstruction { centre: [f64::NAN, 6.0], radius_m: 0.3 }));
+    let plans = (0..64).map(|run_seed| {
+        let situation = super::Situation { run_seed, ..at(6.0, 2.0) };
+        plan_with(&mut Random::default(), &map, &situation, &PlanningConfig::default())
+    });
+    assert!(plans.flat_map(|plan| plan.candidates).all(|candidate| candidate.position[1] < 6.0));
+}
+
+#[test]
+fn a_way_that_was_driven_stays_open_whatever_is_seen_beside_it() {
+    // A gap too narrow for the footprint, through which it has come all the same.
+    let mut map = walled(|x| x != 20);
+    let behind = |map: &InformationMap| {
+        let plans = (0..64).map(|run_seed| {
+            let situation = super::Situation { run_seed, ..at(6.15, 2.0) };
+            plan_with(&mut Random::default(), map, &situation, &PlanningConfig::default())
+        });
+        plans.flat_map(|plan| plan.candidates).filter(|candidate| candidate.position[1] > 7.0).count()
+    };
+    assert_eq!(behind(&map), 0);
+    map.drove(&[[6.15, 2.0], [6.15, 9.0]]);
+    assert!(behind(&map) > 0);
 }

@@ -120,3 +120,33 @@ fn a_prior_in_the_map_is_taken_as_it_is_whatever_was_corrected_before() {
     let start = next.hypotheses[0].start;
     assert!((target * start * place(2).inverse()).translation.vector.norm() < 1e-9, "{start}");
 }
+
+#[test]
+fn a_scan_that_overlaps_little_is_aligned_once_more_to_those_that_fit_its_target() {
+    let around = std::f64::consts::PI;
+    // Each looks another way than the last one, by a third of a turn.
+    let headings = [0.0, 1.0, 2.0, 3.0];
+    let run = |submap_scans: usize| {
+        let config = GlobalConfig::default();
+        let sequential = SequentialConfig { submap_scans, submap_below_overlap: 0.9, ..SequentialConfig::default() };
+        let mut aligner = GlobalAligner::new(method(1), sequential, config, SPACING_M).unwrap();
+        let first = step_surely(&mut aligner, 0, &sector(&place(0), 0.0, around, 1), place(0));
+        assert!(first.target_id.is_none());
+        let records: Vec<AlignmentRecord> = (1..=headings.len())
+            .map(|k| {
+                let scan = sector(&place(3 * k), headings[k - 1], 1.3, k as u64 + 1);
+                step_surely(&mut aligner, k, &scan, place(3 * k) * Pose::translation(0.05, -0.05, 0.0))
+            })
+            .collect();
+        assert!(records.iter().all(AlignmentRecord::is_accepted));
+        let error = (records[3].map_from_scanner.inverse() * place(12)).translation.vector.norm();
+        (records, error)
+    };
+    let (alone, _) = run(0);
+    let (together, error) = run(3);
+    let refined = |records: &[AlignmentRecord]| {
+        records.iter().filter(|r| r.hypotheses.iter().any(|h| h.name == HypothesisName::Submap)).count()
+    };
+    assert_eq!((refined(&alone), refined(&together) > 0), (0, true));
+    assert!(together[3].overlap >= alone[3].overlap && error < 0.03, "{error}");
+}
