@@ -8,6 +8,7 @@ use super::sweep::Blocking;
 use super::tile_digest::{SIDE, TileDigest};
 use super::tiles::{TileCache, TileWindow};
 use crate::information_map::{CellIndex, InformationMap, Obstruction, TILE_SIDE, cells_touched_by_segment};
+use crate::simd;
 use nalgebra::Point3;
 
 /// The window of a plan: the ground that candidates and paths may use, and the scanner's range around it, so that no
@@ -311,7 +312,7 @@ impl PlanningGrid {
             let Some(digest) = self.tiles.digest(slot) else { continue };
             let (group, tile_row) = (place % self.window.cols, place / self.window.cols);
             let patch = Patch::of(self, group, tile_row);
-            let (over, steep_rows) = (patch.over_steps(&limits), patch.steep(&limits));
+            let (over, steep_rows) = simd::widest(|| (patch.over_steps(&limits), patch.steep(&limits)));
             for row in 0..SIDE {
                 steps.or_sixteen(tile_row * SIDE + row, group, over[row] & digest.navigable[row] | digest.uneven[row]);
                 steep.or_sixteen(tile_row * SIDE + row, group, steep_rows[row]);

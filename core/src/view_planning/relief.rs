@@ -91,74 +91,77 @@ impl Patch {
 
     /// The cells that stand over one of their neighbours by more than the robot masters, by rows.
     pub fn over_steps(&self, limits: &ReliefLimits) -> [u16; SIDE] {
-        self.cells(|cell| {
-            let over = |dx: isize, dy: isize, limit: f32| cell.at(0, 0) - cell.at(dx, dy) > limit;
-            over(-1, 0, limits.beside)
-                | over(1, 0, limits.beside)
-                | over(0, -1, limits.beside)
-                | over(0, 1, limits.beside)
-                | over(-1, -1, limits.diagonal)
-                | over(1, -1, limits.diagonal)
-                | over(-1, 1, limits.diagonal)
-                | over(1, 1, limits.diagonal)
+        let (beside, diagonal) = (limits.beside, limits.diagonal);
+        self.rows(|line, found| {
+            for (dx, dy) in AROUND {
+                let limit = if dx == 0 || dy == 0 { beside } else { diagonal };
+                let (here, there) = (line.at(0, 0), line.at(dx, dy));
+                for x in 0..SIDE {
+                    found[x] |= u32::from(here[x] - there[x] > limit);
+                }
+            }
         })
     }
 
     /// The cells with ground on both sides that differs by more than the steepest slope, and the upper ones at ledges, by rows.
     pub fn steep(&self, limits: &ReliefLimits) -> [u16; SIDE] {
-        self.cells(|cell| {
-            let is_steep = |dx: isize, dy: isize, limit: f32| (cell.at(dx, dy) - cell.at(-dx, -dy)).abs() > limit;
-            let is_ledge = |dx: isize, dy: isize| {
-                cell.is_on_ledge(dx, dy, limits.ledge) | cell.is_on_ledge(-dx, -dy, limits.ledge)
-            };
-            !cell.at(0, 0).is_nan()
-                & (is_steep(1, 0, limits.over_beside)
-                    | is_steep(0, 1, limits.over_beside)
-                    | is_steep(1, 1, limits.over_diagonal)
-                    | is_steep(1, -1, limits.over_diagonal)
-                    | is_ledge(1, 0)
-                    | is_ledge(0, 1)
-                    | is_ledge(1, 1)
-                    | is_ledge(1, -1))
+        self.rows(|line, found| {
+            for (dx, dy) in AROUND {
+                let limit = if dx == 0 || dy == 0 { limits.over_beside } else { limits.over_diagonal };
+                line.add_ledges([dx, dy], limits.ledge, limit, found);
+            }
+            let here = line.at(0, 0);
+            for x in 0..SIDE {
+                found[x] &= u32::from(!here[x].is_nan());
+            }
         })
     }
 
-    /// One bit for every cell of the tile of which `is_set` says so.
+    /// One bit for every cell of the tile that `find` marks, row by row.
     #[inline(always)]
-    fn cells(&self, is_set: impl Fn(Around<'_>) -> bool) -> [u16; SIDE] {
+    fn rows(&self, find: impl Fn(Row<'_>, &mut [u32; SIDE])) -> [u16; SIDE] {
         std::array::from_fn(|y| {
-            (0..SIDE).fold(0, |bits, x| bits | u16::from(is_set(Around { patch: self, x, y })) << x)
+            let mut found = [0; SIDE];
+            find(Row { patch: self, y }, &mut found);
+            found.iter().enumerate().fold(0, |bits, (x, found)| bits | (*found as u16) << x)
         })
     }
 }
 
-/// A cell of the tile and those around it.
+/// The ways to a cell's neighbours.
+const AROUND: [(isize, isize); 8] = [(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)];
+
+/// A row of the tile.
 #[derive(Clone, Copy)]
-struct Around<'a> {
+struct Row<'a> {
     patch: &'a Patch,
-    x: usize,
     y: usize,
 }
 
-impl Around<'_> {
-    /// Whether a ledge that is climbed in this direction has its upper side here.
+impl Row<'_> {
+    /// The heights so many cells from those of the row along x and y, at most three.
     #[inline(always)]
-    fn is_on_ledge(self, dx: isize, dy: isize, limit: f32) -> bool {
-        // The ledge lies around the cell `k` steps on; the cell is above it, or it runs through it.
-        let around = |k: isize| {
-            let height = |j: isize| self.at((k + j) * dx, (k + j) * dy);
-            let (rise, outside) = (height(1) - height(-1), height(2) - height(-2));
-            let is_ledge = (2.0 * rise - outside > limit) & (rise > 0.5 * limit);
-            (is_ledge, height(0) - height(-1) >= 0.5 * rise)
-        };
-        let ((here, is_above), (before, runs_through)) = (around(0), around(-1));
-        (here & is_above) | (before & !runs_through)
+    fn at(&self, dx: isize, dy: isize) -> [f32; SIDE] {
+        let row = &self.patch.0[(self.y + RIM).wrapping_add_signed(dy)];
+        let first = RIM.wrapping_add_signed(dx);
+        std::array::from_fn(|x| row[first + x])
     }
 
-    /// The height so many cells from it along x and y, at most three.
+    /// Marks the cells from whose one neighbour to the opposite one, this way, the ground rises by more than `limit`, and those
+    /// on the upper side of a ledge that is climbed this way.
     #[inline(always)]
-    fn at(self, dx: isize, dy: isize) -> f32 {
-        self.patch.0[(self.y + RIM).wrapping_add_signed(dy)][(self.x + RIM).wrapping_add_signed(dx)]
+    fn add_ledges(&self, [dx, dy]: [isize; 2], ledge: f32, limit: f32, found: &mut [u32; SIDE]) {
+        let [far, before, near, here, behind, end] = [-3, -2, -1, 0, 1, 2].map(|k| self.at(k * dx, k * dy));
+        for x in 0..SIDE {
+            // Around the cell: it is above the ledge. Around the one before it: the ledge begins behind that.
+            let (rise, outside) = (behind[x] - near[x], end[x] - before[x]);
+            let is_above = (2.0 * rise - outside > ledge) & (rise > 0.5 * ledge) & (here[x] - near[x] >= 0.5 * rise);
+            let (rise_before, outside_before) = (here[x] - before[x], behind[x] - far[x]);
+            let begins = (2.0 * rise_before - outside_before > ledge)
+                & (rise_before > 0.5 * ledge)
+                & (near[x] - before[x] < 0.5 * rise_before);
+            found[x] |= u32::from((rise > limit) | is_above | begins);
+        }
     }
 }
 
