@@ -37,8 +37,8 @@ impl Default for SequentialConfig {
             acceptance: AcceptanceConfig::default(),
             wide_pair_distance_m: 5.0,
             prior_gate_sigmas: 5.0,
-            submap_below_overlap: 0.45,
-            submap_scans: 2,
+            submap_below_overlap: 0.6,
+            submap_scans: 3,
             guess_sigma_m: 1.0,
             guess_sigma_rotation: 0.2,
         }
