@@ -1,0 +1,89 @@
+//! What the robot keeps out of, or may always go back to, beside what the cells themselves say: hidden ground, places that held
+//! it, ways it has driven.
+
+use super::{Extent, PlanningGrid};
+use crate::information_map::{Obstruction, cells_touched_by_segment};
+use crate::view_planning::bits::{BitPlane, WORD};
+use crate::view_planning::config::PlanningConfig;
+
+impl PlanningGrid {
+    /// Marks what lies near ground that nothing was ever seen of, so wide that it may be hidden because it falls away, and with
+    /// nothing that stands between. Under the scanner, where it cannot look, the robot stands.
+    pub(super) fn mark_hidden(&mut self, extent: &Extent, config: &PlanningConfig) {
+        self.hidden.reset(self.height, self.width / WORD, 0);
+        if config.hidden_clearance_m <= 0.0 {
+            return;
+        }
+        self.scratch.stride = self.known.stride;
+        self.scratch.words.clone_from(&self.known.words);
+        let middle = |metres: f64| ((metres / self.cell_m).floor() + 0.5) * self.cell_m;
+        let start = [middle(extent.robot.x), middle(extent.robot.y)];
+        self.for_each_cell_within(start, config.start_clearance_m, |grid, row, bit| grid.scratch.set(row, bit));
+        let mut seen = std::mem::take(&mut self.scratch);
+        let mut hidden = std::mem::take(&mut self.hidden);
+        self.spread_hidden(&mut seen, config, &mut hidden);
+        (self.scratch, self.hidden) = (seen, hidden);
+    }
+
+    /// The cells as near to ground that may be hidden as the robot must not come; `seen` is used up.
+    fn spread_hidden(&self, seen: &mut BitPlane, config: &PlanningConfig, out: &mut BitPlane) {
+        let gap = 0.5 * config.hidden_width_m / self.cell_m;
+        let mut wide = BitPlane::default();
+        // What a disc of the gap's width fits into.
+        seen.dilate_into(gap, out);
+        out.words.iter_mut().for_each(|word| *word = !*word);
+        out.dilate_into(gap, &mut wide);
+        // Of that, what lies beside ground, and not behind a wall.
+        seen.words.iter_mut().zip(&self.blocks.words).for_each(|(seen, blocks)| *seen &= !blocks);
+        seen.dilate_into(std::f64::consts::SQRT_2, out);
+        wide.words.iter_mut().zip(&out.words).for_each(|(wide, beside)| *wide &= beside);
+        wide.dilate_into(config.hidden_clearance_m / self.cell_m, out);
+    }
+
+    /// Cells at ground of the work area of which nothing was ever seen: beside it, and those that the robot cannot go nearer
+    /// than to ground that may be hidden.
+    pub fn brink(&self, config: &PlanningConfig) -> BitPlane {
+        let mut brink = BitPlane::default();
+        self.unexplored.dilate_into(std::f64::consts::SQRT_2, &mut brink);
+        if config.hidden_clearance_m > 0.0 {
+            let (mut seen, mut hidden) = (self.unexplored.clone(), BitPlane::default());
+            seen.words.iter_mut().for_each(|word| *word = !*word);
+            self.spread_hidden(&mut seen, config, &mut hidden);
+            hidden.dilate_into(std::f64::consts::SQRT_2, &mut seen);
+            brink.words.iter_mut().zip(&seen.words).for_each(|(brink, near)| *brink |= near);
+        }
+        brink
+    }
+
+    /// What held the robot cannot be driven on, whatever was seen there.
+    pub(super) fn mark_held(&mut self, obstructions: &[Obstruction]) {
+        self.held.reset(self.height, self.width / WORD, 0);
+        for obstruction in obstructions {
+            let Obstruction { centre, radius_m } = *obstruction;
+            self.for_each_cell_within(centre, radius_m, |grid, row, bit| grid.held.set(row, bit));
+        }
+        for (navigable, held) in self.navigable.words.iter_mut().zip(&self.held.words) {
+            *navigable &= !held;
+        }
+    }
+
+    /// Where the robot has been it can be, though a scan says that it should not: ways back stay open.
+    pub(super) fn mark_driven(&mut self, driven: &[[[f64; 2]; 2]]) {
+        let mut plane = std::mem::take(&mut self.driven);
+        plane.reset(self.height, self.width / WORD, 0);
+        for piece in driven {
+            let [from, to] = piece.map(|end| end.map(|metres| metres / self.cell_m));
+            cells_touched_by_segment(from, to, |cell| {
+                if let Some(at) = self.at(cell) {
+                    plane.set(at / self.width, at % self.width);
+                }
+                true
+            });
+        }
+        let shut = self.held.words.iter().zip(&self.blocks.words);
+        for (driven, (held, blocks)) in plane.words.iter_mut().zip(shut) {
+            *driven &= !(held | blocks);
+        }
+        self.driven = plane;
+    }
+}
