@@ -70,7 +70,8 @@ impl InformationMap {
         self.config.cell_m
     }
 
-    /// Counted up by one for every scan added, moved or taken away, every update of the zones, obstruction and way driven; 0 for an empty map.
+    /// Counted up by one for every scan added, moved or taken away, every update of the zones, every obstruction and every way
+    /// driven; 0 for an empty map.
     #[must_use]
     pub fn revision(&self) -> u64 {
         self.revision

@@ -6,7 +6,7 @@ use super::config::ObstacleConfig;
 use super::path::PathError;
 use super::watch::SensorFault;
 
-/// How far before the front wheels the ground that falls away begins [m]; on ground that falls the rangers look so far.
+/// How far before the robot's front the ground that falls away is taken to begin [m]: about where its rangers look.
 const EDGE_M: f64 = 0.3;
 
 /// Why a target is given up.

@@ -54,8 +54,8 @@ pub(super) struct PlanningGrid {
     /// The footprint would touch an obstacle, steep ground, a step, hidden ground or what held the robot, or what its rule
     /// forbids.
     pub cramped: BitPlane,
-    /// So near to an obstacle, steep ground, a step or known ground that is not proven that a metre costs more: all such cells, and those in
-    /// the inner half of the way to the clearance asked for.
+    /// So near to an obstacle, steep ground, a step or known ground that is not proven that a metre costs more: all such cells,
+    /// and those in the inner half of the way to the clearance asked for.
     pub beside: BitPlane,
     pub close_beside: BitPlane,
     scratch: BitPlane,
@@ -263,9 +263,9 @@ impl PlanningGrid {
         [self.steps, self.steep] = planes;
     }
 
-    /// Marks every cell that has the middle of an obstacle, of steep ground or of what held the robot within the footprint's radius of its own, by
-    /// the strict rule also any cell that is not proven ground, or that of a cell at a step within the distance kept from
-    /// those.
+    /// Marks every cell that has the middle of an obstacle, of steep ground or of what held the robot within the footprint's
+    /// radius of its own, by the strict rule also any cell that is not proven ground, or that of a cell at a step within the
+    /// distance kept from those; and what lies near hidden ground.
     fn mark_cramped(&mut self, config: &PlanningConfig) {
         self.scratch.stride = self.blocks.stride;
         self.scratch.words.clear();

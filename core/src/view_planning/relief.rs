@@ -5,8 +5,8 @@
 //! clear of such cells, and so of any two neighbours that it may enter the ground differs by no more than it masters.
 //!
 //! No single pair of cells tells a kerb from a slope. Slopes are judged over two cells, ledges such as kerbs over five: by how
-//! much more the ground rises over the middle two of four intervals than over the outer two, which is nothing on a slope, however it
-//! bends (a third difference), and the height of the ledge whether it lies between cells or within one.
+//! much more the ground rises over the middle two of four intervals than over the outer two. That is nothing on a slope,
+//! however it bends (a third difference), and the height of the ledge whether it lies between cells or within one.
 
 use super::config::PlanningConfig;
 use super::grid::PlanningGrid;

@@ -30,6 +30,9 @@ struct Partner {
     commands: Subscriber<topics::MotionCommand>,
     requests: Subscriber<topics::ScanRequests>,
     status: Subscriber<topics::NavigationStatus>,
+    obstructions: Subscriber<topics::Obstructions>,
+    /// What the laser sees ahead [m].
+    ahead: f32,
     step: i64,
     x: f64,
     linear: f64,
@@ -55,6 +58,8 @@ impl Partner {
             commands: participant.subscriber().unwrap(),
             requests: participant.subscriber().unwrap(),
             status: participant.subscriber().unwrap(),
+            obstructions: participant.subscriber().unwrap(),
+            ahead: f32::NAN,
             participant,
             step: 0,
             x: 0.0,
@@ -70,7 +75,7 @@ impl Partner {
         let header = Header::new(0, now);
         if with_laser {
             let meta = PlanarScanMeta { header, angle_step: 0.1, mount_xyz: [0.5, 0.0, 0.42], ..Default::default() };
-            self.lasers.send_copy(meta, &[Beam { range: f32::NAN, ..Beam::default() }; 10]).unwrap();
+            self.lasers.send_copy(meta, &[Beam { range: self.ahead, ..Beam::default() }; 10]).unwrap();
         }
         let ranger = Ranger {
             stamp_ns: now,
@@ -238,5 +243,32 @@ fn without_lockstep_the_robot_stands_while_it_waits_for_the_plan() {
         send_plan(partner, 0, 0, &[[0.0; 3], [5.0, 0.0, 0.0]]);
         let drives = (0..40).position(|_| partner.control(true).linear > 0.0);
         assert!(drives.is_some());
+    });
+}
+
+#[test]
+fn where_something_holds_the_robot_is_told_before_the_scan_there_is_asked_for() {
+    with_service(&NavigationConfig::default(), |partner| {
+        partner.turn_head(0);
+        partner.say(true);
+        send_plan(partner, 0, 0, &[[0.0; 3], [10.0, 0.0, 0.0]]);
+        partner.answer(Duration::from_secs(5)).unwrap();
+        (0..40).for_each(|_| _ = partner.control(true));
+        assert!(partner.obstructions.receive().unwrap().is_none());
+        // A quarter of a metre before the laser, and there again after it has backed up.
+        partner.ahead = 0.25;
+        let told = (0..600).find_map(|_| {
+            partner.control(true);
+            let told = partner.obstructions.receive().unwrap().map(|message| message.items()[0]);
+            assert_eq!(partner.asked(), [0_u32; 0], "the scan is not asked for before");
+            told
+        });
+        let told = told.expect("the target is given up");
+        let front = partner.x + 0.75;
+        assert!((told.centre[0] - front).abs() < 0.1 && told.centre[1].abs() < 0.05, "{told:?}, front at {front}");
+        assert_eq!((told.scan, told.radius), (0, 0.3));
+        assert!(partner.statuses().iter().any(|(state, why)| *state == 5 && why.starts_with("blocked")));
+        partner.ahead = f32::NAN;
+        partner.turn_head(1);
     });
 }

@@ -199,6 +199,12 @@ impl<'a> Planning<'a> {
         }
         log_place(number, || step.scan.location());
         for obstruction in self.inbox.obstructions()? {
+            if !obstruction.is_usable() {
+                tracing::warn!(
+                    ?obstruction,
+                    "an obstruction is not finite, or its radius is not above 0 and at most 10 m; ignored"
+                );
+            }
             self.kept.map.obstruct(obstruction);
         }
         let header = Header::about(step.scan.header(), clock::monotonic_ns());

@@ -1,5 +1,5 @@
-//! What the robot keeps out of, or may always go back to, beside what the cells themselves say: hidden ground, places that held
-//! it, ways it has driven.
+//! What the robot keeps out of, or may always go back to, beside what the cells themselves say: hidden ground, places that
+//! held it, ways it has driven.
 
 use super::{Extent, PlanningGrid};
 use crate::information_map::{Obstruction, cells_touched_by_segment};
