@@ -17,6 +17,7 @@ mod domain;
 pub mod layout;
 pub mod messages;
 mod port;
+mod roll_call;
 pub mod service;
 pub mod text;
 pub mod topics;
@@ -27,4 +28,5 @@ pub use port::{
     Bell, Counter, Counters, JoinError, Loan, LoanError, Participant, Pause, Peer, PortError, PublishError, Publisher,
     ReceiveFailure, Received, SegmentLocation, SendFailure, StopSignal, Subscriber, Waiter, Wake, Wakeable,
 };
+pub use roll_call::RollCall;
 pub use topics::{Rules, Sizes, Topic};

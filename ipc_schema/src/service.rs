@@ -98,7 +98,8 @@ impl ServiceSetup {
     }
 }
 
-/// Says how a service is: at the start, every [`HEARTBEAT`], and whenever it has finished a scan.
+/// Says how a service is: at the start, every [`HEARTBEAT`], and whenever it has finished a scan. Each report begins with
+/// connecting the readers of the process (see [`RollCall`](crate::RollCall)).
 pub struct HealthReporter {
     publisher: Publisher<topics::ServiceHealth>,
     service: [u8; 32],
@@ -187,6 +188,8 @@ impl HealthReporter {
 
     fn report_with_work(&mut self, participant: &Participant, span_count: u32) {
         self.last_report = Instant::now();
+        let header = Header::new(u64::from(self.finished_scans), 0);
+        participant.connect();
         let counters = participant.counters();
         let usage = Usage::now();
         let health = ServiceHealth {
@@ -210,8 +213,7 @@ impl HealthReporter {
             message: self.message,
             spans: self.spans,
         };
-        let meta = Envelope { header: Header::new(u64::from(self.finished_scans), 0) };
-        match self.publisher.send_one(meta, health) {
+        match self.publisher.send_one(Envelope { header }, health) {
             Ok(()) => {}
             // Health is sent again in a moment, so one report that did not get out is only worth a line in the log.
             Err(PublishError::Loan(error)) => tracing::warn!(%error, "health not reported"),

@@ -1,11 +1,12 @@
 //! One process in a domain.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 use std::time::Duration;
 
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::*;
 
+use super::subscriber::Connect;
 use super::{Counters, Ipc, PortError, Publisher, StopSignal, Subscriber};
 use crate::domain::{Domain, DomainError};
 use crate::topics::{Sizes, Topic};
@@ -54,6 +55,8 @@ pub struct Participant {
     pub(super) wake: Wake,
     pub(super) counters: Arc<Counters>,
     pub(super) stop: StopSignal,
+    /// The open readers.
+    readers: Mutex<Vec<Weak<dyn Connect>>>,
 }
 
 impl Participant {
@@ -83,7 +86,7 @@ impl Participant {
                 service: service.into(),
                 reason: format!("{e:?}"),
             })?;
-        Ok(Self { node, domain, sizes, incarnation, wake, counters: Arc::default(), stop })
+        Ok(Self { node, domain, sizes, incarnation, wake, counters: Arc::default(), stop, readers: Mutex::default() })
     }
 
     /// Opens a topic to send on, all its slots allocated.
@@ -99,7 +102,19 @@ impl Participant {
     /// # Errors
     /// See [`PortError`].
     pub fn subscriber<T: Topic>(&self) -> Result<Subscriber<T>, PortError> {
-        Subscriber::open(self)
+        let subscriber = Subscriber::open(self)?;
+        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+        readers.retain(|reader| reader.strong_count() > 0);
+        readers.push(subscriber.reader());
+        Ok(subscriber)
+    }
+
+    /// Connects every open reader to the publishers there are now. A reader does so by itself whenever it looks for
+    /// messages; one that has never looked gets no more than its buffer holds, whoever waits for it.
+    pub fn connect(&self) {
+        for reader in self.readers.lock().unwrap_or_else(PoisonError::into_inner).iter().filter_map(Weak::upgrade) {
+            reader.connect();
+        }
     }
 
     /// Creates a topic without taking a place in it, so that its rules hold from the start of the graph. The topic

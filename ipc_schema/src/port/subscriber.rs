@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::os::fd::BorrowedFd;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 use std::time::{Duration, Instant};
 
 use iceoryx2::port::listener::Listener;
@@ -12,6 +12,7 @@ use iceoryx2::sample::Sample;
 
 use super::maps::{self, SegmentLocation};
 use super::{Counters, Ipc, Participant, PortError, Wake, Wakeable, open};
+use crate::layout::Record;
 use crate::messages::{Header, Meta};
 use crate::topics::{Lag, Topic};
 
@@ -42,9 +43,24 @@ struct Origin {
     next_sequence: u64,
 }
 
+/// The port of iceoryx2, which the participant knows of, too.
+type Reader<T> = subscriber::Subscriber<Ipc, [<T as Topic>::Item], <T as Topic>::Meta>;
+
+/// What connects to publishers that came later.
+pub(super) trait Connect: Send + Sync {
+    fn connect(&self);
+}
+
+impl<I: Record, M: Meta> Connect for subscriber::Subscriber<Ipc, [I], M> {
+    fn connect(&self) {
+        // A connection that fails shows at the next receive.
+        let _ = self.has_samples();
+    }
+}
+
 /// The receiving end of a topic.
 pub struct Subscriber<T: Topic> {
-    port: subscriber::Subscriber<Ipc, [T::Item], T::Meta>,
+    port: Arc<Reader<T>>,
     listener: Option<Listener<Ipc>>,
     counters: Arc<Counters>,
     origins: RefCell<Vec<Origin>>,
@@ -67,7 +83,12 @@ impl<T: Topic> Subscriber<T> {
         let port =
             service.subscriber_builder().buffer_size(rules.buffer).create().map_err(|e| full(format!("{e:?}")))?;
         let counters = Arc::clone(&participant.counters);
-        Ok(Self { port, listener, counters, origins: RefCell::new(Vec::new()), service })
+        Ok(Self { port: Arc::new(port), listener, counters, origins: RefCell::new(Vec::new()), service })
+    }
+
+    pub(super) fn reader(&self) -> Weak<dyn Connect> {
+        let port: Weak<Reader<T>> = Arc::downgrade(&self.port);
+        port
     }
 
     /// How many publish the topic; one that was killed counts until somebody has cleaned up after it.

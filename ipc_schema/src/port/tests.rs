@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::*;
 use crate::messages::{Envelope, Header, Point, PoseEstimate, ScanMeta, ServiceHealth};
-use crate::topics::{self, Sizes};
+use crate::topics::{self, Sizes, Topic};
 use crate::{Domain, budget};
 
 /// A domain of its own that leaves nothing, also when the test fails.
@@ -90,7 +90,7 @@ fn a_reader_that_lags_on_a_sensor_stream_counts_what_it_missed() {
     let send = |n: u64| publisher.send_one(Envelope { header: Header::new(n, 0) }, PoseEstimate::default()).unwrap();
     send(0);
     assert!(subscriber.receive().unwrap().is_some());
-    let buffer = <topics::Pose as topics::Topic>::RULES.buffer as u64;
+    let buffer = <topics::Pose as Topic>::RULES.buffer as u64;
     (1..=buffer + 5).for_each(send);
     let mut seen = 0;
     while subscriber.receive().unwrap().is_some() {
@@ -187,10 +187,10 @@ fn a_wait_ends_with_the_wish_to_stop() {
 #[test]
 fn two_layouts_of_one_topic_are_told_apart_with_both_sides() {
     struct Other;
-    impl topics::Topic for Other {
+    impl Topic for Other {
         type Meta = Envelope;
         type Item = ServiceHealth;
-        const RULES: topics::Rules = <topics::Scan as topics::Topic>::RULES;
+        const RULES: topics::Rules = <topics::Scan as Topic>::RULES;
     }
     let domain = TestDomain::new();
     let participant = domain.join("both", 10, Wake::Event);
@@ -207,4 +207,22 @@ fn a_topic_takes_no_more_publishers_than_its_rules_say() {
     let _first = participant.publisher::<topics::Scan>().unwrap();
     let message = participant.publisher::<topics::Scan>().err().unwrap().to_string();
     assert!(message.contains("'scan' takes no further publisher"), "{message}");
+}
+
+#[test]
+fn a_publisher_waits_for_a_busy_reader_that_was_there_before_it_once_that_is_connected() {
+    let domain = TestDomain::new();
+    let (here, there) = (domain.join("writer", 10, Wake::Event), domain.join("reader", 10, Wake::Event));
+    let subscriber = there.subscriber::<topics::Scan>().unwrap();
+    let publisher = here.publisher::<topics::Scan>().unwrap();
+    there.connect();
+    let count = topics::Scan::RULES.buffer as u64 + 3;
+    let received = std::thread::scope(|scope| {
+        scope.spawn(move || (0..count).for_each(|scan| send_scan(&publisher, scan, 10)));
+        // Busy with something else while the buffer fills.
+        std::thread::sleep(Duration::from_millis(100));
+        let take = |_| subscriber.receive_within(&there, Duration::from_secs(1)).unwrap().map(|m| m.header().id);
+        (0..count).map_while(take).collect::<Vec<_>>()
+    });
+    assert_eq!(received, (0..count).collect::<Vec<_>>());
 }

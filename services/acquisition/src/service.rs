@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use mirador_ipc_schema::messages::{
     CLOCK_ENDED, CLOCK_FAULT, CLOCK_RUNNING, ClockMeta, Envelope, Header, SCAN_HAS_PRIOR, ScanId, ScanMeta,
-    ScanRequestKind, WorkSpan,
+    ScanRequestKind, ServiceHealth, WorkSpan,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Pause, Publisher, Subscriber, clock, text, topics};
+use mirador_ipc_schema::{Participant, Pause, Publisher, RollCall, Subscriber, clock, text, topics};
 use mirador_service_common::{CheckpointError, ServiceError, checkpoint, log_place};
 
 use crate::no_return::empty_no_returns;
@@ -173,14 +173,11 @@ impl<'a> Acquisition<'a> {
         Ok(loan.send()?)
     }
 
-    /// Waits until every service has reported once: nothing is released to a graph that is not there.
+    /// Nothing is released to a graph that is not there, or does not hear everything.
     fn wait_for_services(&mut self, source: &mut dyn Source) -> Result<(), ServiceError> {
-        let mut seen = std::collections::BTreeSet::new();
-        while !self.setup.stop.is_set() && seen.len() < self.finished.len() {
-            self.pause(source, HEARTBEAT, |name, _| {
-                seen.insert(name.to_owned());
-            })?;
-            seen.retain(|name| self.finished.contains_key(name));
+        let mut call = RollCall::of(self.finished.keys());
+        while !self.setup.stop.is_set() && !call.is_complete() {
+            self.pause(source, HEARTBEAT, |header, health| call.hear(header, health))?;
         }
         Ok(())
     }
@@ -244,14 +241,13 @@ impl<'a> Acquisition<'a> {
         &mut self,
         source: &mut dyn Source,
         time: Duration,
-        mut seen: impl FnMut(&str, u32),
+        mut heard: impl FnMut(&Header, &ServiceHealth),
     ) -> Result<(), ServiceError> {
         self.participant.wait(&[&self.others, &self.requests], time);
         while let Some(message) = self.others.receive()? {
             for health in message.items() {
-                let name = text::unpack(&health.service);
-                seen(name, health.finished_scans);
-                if let Some(done) = self.finished.get_mut(name) {
+                heard(message.header(), health);
+                if let Some(done) = self.finished.get_mut(text::unpack(&health.service)) {
                     *done = health.finished_scans;
                 }
             }

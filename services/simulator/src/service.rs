@@ -1,13 +1,12 @@
 //! The loop: what the sensors said, the state, navigation's answer, the next step.
 
-use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use mirador_core::navigation::{Arbitration, Conditions, MotionSources, Reference, Source, Standstill};
 use mirador_core::simulation::{Readings, Simulator};
 use mirador_ipc_schema::messages::{MotionCommand, ScanRequestKind};
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Participant, Subscriber, text, topics};
+use mirador_ipc_schema::{Participant, RollCall, Subscriber, topics};
 use mirador_service_common::ServiceError;
 
 use crate::outputs::{Described, Outputs, State, stamp_ns};
@@ -115,16 +114,14 @@ impl<'a> Service<'a> {
         stamp_ns(self.time())
     }
 
-    /// Waits until every service that time waits for has reported once.
+    /// Waits until every service that time waits for is there and hears everything.
     fn wait_for_services(&mut self) -> Result<(), ServiceError> {
         self.health.running(&self.participant);
-        let mut missing: BTreeSet<&str> = self.config.lockstep_with.iter().map(String::as_str).collect();
-        while !self.setup.stop.is_set() && !missing.is_empty() {
+        let mut call = RollCall::of(&self.config.lockstep_with);
+        while !self.setup.stop.is_set() && !call.is_complete() {
             self.participant.wait(&[&self.others], HEARTBEAT);
             while let Some(message) = self.others.receive()? {
-                for health in message.items() {
-                    missing.remove(text::unpack(&health.service));
-                }
+                message.items().iter().for_each(|health| call.hear(message.header(), health));
             }
             self.keep_alive();
         }
