@@ -8,8 +8,9 @@ use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
-/// The longest domain name: Unix socket paths hold 108 bytes, and iceoryx2 needs most of them.
-const MAX_NAME: usize = 24;
+/// The most characters of a domain's name and the user's number: the path of a Unix socket holds 108 bytes, both stand in it
+/// twice, and iceoryx2 needs the rest (measured: with one more it opens no listener).
+const MAX_NAME_AND_USER: usize = 23;
 
 /// A domain: one graph's share of the host.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,10 +23,12 @@ pub struct Domain {
 #[derive(Debug, thiserror::Error)]
 pub enum DomainError {
     /// The name has characters that cannot stand in a file name, or is too long.
-    #[error("domain '{name}' is not a valid name: use 1 to {MAX_NAME} of a-z, 0-9, '-' and '_'")]
+    #[error("domain '{name}' is not a valid name: use 1 to {longest} of a-z, 0-9, '-' and '_'")]
     BadName {
         /// The name as given.
         name: String,
+        /// The most characters it may have.
+        longest: usize,
     },
     /// The folder for the domain's files exists but is open to other users, or belongs to one.
     #[error("{path} is not private to user {uid} (owner {owner}, mode {mode:o}); remove it, or give it mode 700")]
@@ -72,12 +75,14 @@ impl Domain {
     /// # Errors
     /// [`DomainError::BadName`].
     pub fn new(name: &str) -> Result<Self, DomainError> {
-        let valid = (1..=MAX_NAME).contains(&name.len())
+        let uid = rustix::process::getuid().as_raw();
+        let longest = MAX_NAME_AND_USER - uid.to_string().len();
+        let valid = (1..=longest).contains(&name.len())
             && name.bytes().all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-' || b == b'_');
         if !valid {
-            return Err(DomainError::BadName { name: name.into() });
+            return Err(DomainError::BadName { name: name.into(), longest });
         }
-        Ok(Self { name: name.into(), uid: rustix::process::getuid().as_raw() })
+        Ok(Self { name: name.into(), uid })
     }
 
     /// The name.

@@ -78,7 +78,11 @@ mod tests {
             call.hear(&first, &report(name, SERVICE_RUNNING));
         }
         call.hear(&first, &report("analysis", SERVICE_RUNNING));
-        assert_eq!((call.missing.len(), call.is_complete()), (2, false), "a report of the first round is no second one");
+        assert_eq!(
+            (call.missing.len(), call.is_complete()),
+            (2, false),
+            "a report of the first round is no second one"
+        );
         call.hear(&Header::new(0, 0), &report("planning", SERVICE_RUNNING));
         assert!(!call.is_complete());
         call.hear(&Header::new(0, 0), &report("analysis", SERVICE_RUNNING));

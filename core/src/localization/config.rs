@@ -108,6 +108,9 @@ pub struct WheelModel {
     pub sideways_sigma: f64,
     /// The same for each rad/s that the robot turns, as skidding then has no fixed centre [m/rad], 0 to 10.
     pub turning_sigma: f64,
+    /// On a slope the robot slides: standard deviation of its position after a metre, for a slope of 45 degrees; it grows with
+    /// the root of the way and the tangent of the slope [m], 0 to 10.
+    pub slide_sigma_m: f64,
     /// The wheels are taken to stand after so long without a tick [s], 0.05 to 10.
     pub standing_s: f64,
     /// Standard deviation of the speed of a standing robot [m/s], 1e-4 to 1.
@@ -124,6 +127,7 @@ impl Default for WheelModel {
             slip_correlation_s: 10.0,
             sideways_sigma: 0.15,
             turning_sigma: 0.3,
+            slide_sigma_m: 0.4,
             standing_s: 0.3,
             standing_sigma: 0.01,
             standing_turn: 0.03,
@@ -333,6 +337,7 @@ impl LocalizationConfig {
             ("wheels.turning_sigma", wheels.turning_sigma, 0.0, 10.0),
             ("wheels.standing_s", wheels.standing_s, 0.05, 10.0),
             ("wheels.standing_sigma", wheels.standing_sigma, 1e-4, 1.0),
+            ("wheels.slide_sigma_m", wheels.slide_sigma_m, 0.0, 10.0),
             ("wheels.standing_turn", wheels.standing_turn, 0.005, 1.0),
             ("laser.least_beams", f64::from(self.laser.least_beams), 10.0, 1e4),
             ("laser.least_share", self.laser.least_share, 0.1, 1.0),

@@ -153,11 +153,19 @@ impl State {
             }
         }
         self.fade(step, config, &mut transition, &mut noise);
+        noise.fixed_rows_mut::<2>(POSITION).add_scalar_mut(step * self.sliding(config.wheels.slide_sigma_m));
         self.covariance = transition * self.covariance * transition.transpose();
         for k in 0..DIM {
             self.covariance[(k, k)] += noise[k];
         }
         self.symmetrise();
+    }
+
+    /// How the variance of a horizontal coordinate grows with time because the robot slides on slopes [m^2/s].
+    fn sliding(&self, slide_sigma_m: f64) -> f64 {
+        let up = self.rotation * Vector3::z();
+        let slope = up.x.hypot(up.y) / up.z.abs().max(0.1);
+        (slide_sigma_m * slope).powi(2) * self.velocity.norm()
     }
 
     fn turn(&mut self, turn: &Rotation3<f64>, transition: &mut ErrorCovariance) {

@@ -3,6 +3,7 @@
 use nalgebra::{Vector2, Vector3};
 
 use super::config::NavigationConfig;
+use super::drive::{Drive, DriveState, RobotNow};
 use super::give_up::GiveUp;
 use super::obstacles::{Surroundings, Way};
 use super::path::Path;
@@ -23,49 +24,6 @@ const EDGE_TILT_DEG: f64 = 4.0;
 /// How long a lost localisation is waited for [s].
 const LOST_S: f64 = 3.0;
 
-/// Where the robot takes itself to be, and how it moves.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RobotNow {
-    /// Time [ns].
-    pub stamp_ns: i64,
-    /// `map_from_robot`.
-    pub map_from_robot: Pose,
-    /// Forward speed [m/s].
-    pub linear: f64,
-    /// Whether localisation does not know where it is.
-    pub is_lost: bool,
-}
-
-/// What the driver does.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum DriveState {
-    /// On its way.
-    Driving,
-    /// Something is in the way.
-    Blocked,
-    /// Waits for a sensor or for localisation.
-    Waiting,
-    /// Backs up the way it came.
-    Recovering,
-    /// The target is reached.
-    Arrived,
-    /// The target is given up.
-    GaveUp(GiveUp),
-}
-
-/// What to do in this control step.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drive {
-    /// Forward speed [m/s].
-    pub linear: f64,
-    /// Turning speed about z [rad/s].
-    pub angular: f64,
-    /// What is being done.
-    pub state: DriveState,
-    /// What is wrong with a sensor.
-    pub fault: Option<SensorFault>,
-}
-
 /// Follows one path.
 #[derive(Debug, Clone)]
 pub struct Driver {
@@ -82,8 +40,7 @@ pub struct Driver {
     progress: Progress,
     trail: Trail,
     attempts: u32,
-    /// Why it backs up, and how far it still has to [m].
-    cause: Option<GiveUp>,
+    /// How far it still has to back up [m].
     back_left: f64,
     /// Way driven since the ground began to look as if it fell away [m], and how far the robot leant then [deg].
     falling: f64,
@@ -92,6 +49,8 @@ pub struct Driver {
     ahead: Vec<Vector2<f64>>,
     /// What was asked of the drives last: forward and turning speed.
     asked: [f64; 2],
+    /// Where something held it when it last backed up.
+    held: Option<Obstruction>,
     obstruction: Option<Obstruction>,
 }
 
@@ -112,13 +71,13 @@ impl Driver {
             progress: Progress::default(),
             trail: Trail::default(),
             attempts: 0,
-            cause: None,
             back_left: 0.0,
             falling: 0.0,
             tilt_before_deg: 0.0,
             healthy_since_ns: None,
             ahead: Vec::new(),
             asked: [0.0; 2],
+            held: None,
             obstruction: None,
         }
     }
@@ -234,7 +193,9 @@ impl Driver {
             }
         }
         let off_m = self.pursuit.off;
-        (off_m > config.follow.off_path_m && !is_backing).then_some(GiveUp::OffPath { off_m })
+        // It backs up the way it came, which may lie beside the path or before its beginning.
+        let backed_m = if self.attempts > 0 { config.recovery.back_up_m } else { 0.0 };
+        (off_m > config.follow.off_path_m + backed_m && !is_backing).then_some(GiveUp::OffPath { off_m })
     }
 
     /// Whether sensors or localisation must be waited for; gives up when it takes too long.
@@ -334,7 +295,7 @@ impl Driver {
             return self.give_up(now, reason, config);
         }
         self.attempts += 1;
-        self.cause = Some(reason);
+        self.held = self.obstruction_by(now, &reason, config).or(self.held);
         self.back_left = config.recovery.back_up_m;
         self.enter(now, DriveState::Recovering);
         [0.0; 2]
@@ -373,13 +334,16 @@ impl Driver {
     }
 
     fn give_up(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
-        let contact = reason.contact(self.asked, &config.obstacles);
-        self.obstruction = contact.map(|contact| Obstruction {
-            centre: (now.map_from_robot * contact).xy().coords.into(),
-            radius_m: config.recovery.obstruction_radius_m,
-        });
+        // What it backed up from is still there when it is given up for something else.
+        self.obstruction = self.obstruction_by(now, &reason, config).or(self.held);
         self.enter(now, DriveState::GaveUp(reason));
         [0.0; 2]
+    }
+
+    fn obstruction_by(&self, now: &RobotNow, reason: &GiveUp, config: &NavigationConfig) -> Option<Obstruction> {
+        let contact = reason.contact(self.asked, &config.obstacles)?;
+        let centre = (now.map_from_robot * contact).xy().coords.into();
+        Some(Obstruction { centre, radius_m: config.recovery.obstruction_radius_m })
     }
 
     fn enter(&mut self, now: &RobotNow, state: DriveState) {

@@ -1,7 +1,8 @@
 //! From scan to scan: request, wait for the plan, drive there, request the next.
 
 use super::config::NavigationConfig;
-use super::driver::{Drive, DriveState, Driver, RobotNow};
+use super::drive::{Drive, DriveState, RobotNow};
+use super::driver::Driver;
 use super::give_up::GiveUp;
 use super::obstacles::{Echo, LaserView, Surroundings};
 use super::path::Path;

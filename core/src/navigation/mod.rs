@@ -6,6 +6,7 @@
 //! clock: time is that of the stamps, and the same input gives the same output.
 
 mod config;
+mod drive;
 mod driver;
 mod give_up;
 mod mission;
@@ -19,7 +20,8 @@ mod tests;
 mod watch;
 
 pub use config::{FollowConfig, NavigationConfig, ObstacleConfig, RecoveryConfig, WatchConfig};
-pub use driver::{Drive, DriveState, Driver, RobotNow};
+pub use drive::{Drive, DriveState, RobotNow};
+pub use driver::Driver;
 pub use give_up::GiveUp;
 pub use mission::{Decision, Mission, MissionState, MissionStep, RobotWord};
 pub use motion_sources::{Arbitration, Conditions, MotionSources, Reference, Refusal, Source, Standstill};

@@ -7,9 +7,11 @@
 //! [`relaxation`] fits all scans to each other at once. All take in any [`crate::registration::Registration`].
 
 mod acceptance;
+mod attempt;
 pub mod continuous;
 mod distribution;
 mod errors;
+mod farther;
 pub mod global;
 mod older_scans;
 pub mod pose_graph;

@@ -20,6 +20,8 @@ pub enum HypothesisName {
     ConstantMotionWide,
     /// The prior again, against an older scan near it, for a scan that does not fit the last accepted one.
     OlderScan,
+    /// Where an attempt ended that wanted to be farther from its start than allowed.
+    Farther,
     /// Where it was found already, against its target and the accepted scans near it as one.
     Submap,
     /// The scanner stands where it was.

@@ -4,40 +4,33 @@ use std::sync::Arc;
 
 use nalgebra::Matrix6;
 
+use super::attempt::Attempt;
+use super::farther::Farthest;
 use super::older_scans::{NoOlderScans, OlderScans};
-use super::prior::{Prior, PriorFrame, weigh};
+use super::prior::{Prior, PriorFrame};
 use super::verifier::Verifier;
 use super::{
-    AlignerState, AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection, RestoreError,
-    SequentialConfig, TargetState,
+    AlignerState, AlignmentRecord, AlignmentStatus, HypothesisName, Rejection, RestoreError, SequentialConfig,
+    TargetState,
 };
-use crate::geometry::{Covariance, Pose, adjoint};
+use crate::geometry::{Covariance, Pose};
 use crate::registration::coarse::CoarseConfig;
-use crate::registration::{AlignError, Alignment, ConfigError, Limits, PrepareError, PreparedScan, Registration};
+use crate::registration::{ConfigError, PrepareError, PreparedScan, Registration};
 use crate::scan::ScanView;
 
 /// An older scan nearer than this share of the last one's distance is a better target, where the prior can be relied on.
 const NEARER: f64 = 0.5;
 
-/// A start to be tried against a scan.
-pub(super) struct Attempt<'a> {
-    pub name: HypothesisName,
-    pub target: &'a TargetState,
-    pub scan: &'a dyn PreparedScan,
-    /// `target_from_source`.
-    pub start: Pose,
-    pub pair_distance_m: f64,
-}
-
 /// Aligns scan after scan. It holds one keyframe, that of the last accepted scan; its memory does not grow.
 pub struct SequentialAligner {
-    registration: Box<dyn Registration>,
-    config: SequentialConfig,
+    pub(super) registration: Box<dyn Registration>,
+    pub(super) config: SequentialConfig,
     state: AlignerState,
     target: Option<Arc<dyn PreparedScan>>,
-    verifier: Verifier,
+    pub(super) verifier: Verifier,
     /// Of the scan that is being aligned.
-    prior: Option<Prior>,
+    pub(super) prior: Option<Prior>,
+    pub(super) farthest: Option<Farthest>,
 }
 
 impl SequentialAligner {
@@ -53,7 +46,15 @@ impl SequentialAligner {
     ) -> Result<Self, ConfigError> {
         config.validate()?;
         let verifier = Verifier::new(CoarseConfig::default(), spacing_m)?;
-        Ok(Self { registration, config, state: AlignerState::default(), target: None, verifier, prior: None })
+        Ok(Self {
+            registration,
+            config,
+            state: AlignerState::default(),
+            target: None,
+            verifier,
+            prior: None,
+            farthest: None,
+        })
     }
 
     /// With other settings of the second look at alignments that overlap little.
@@ -167,19 +168,14 @@ impl SequentialAligner {
         prior: Option<Prior>,
         older: &mut dyn OlderScans,
     ) -> AlignmentRecord {
-        self.prior = prior;
+        (self.prior, self.farthest) = (prior, None);
         let mut record = self.blank_record(scan_id);
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
             Ok(prepared) => match (self.state.target, self.target.take()) {
                 (Some(target), Some(target_scan)) => {
-                    let accepted = if self.is_nearer_to_others(&record, &target, older) {
-                        self.retry(&mut record, older, &*prepared)
-                            || self.align(&mut record, &target, &*target_scan, &*prepared)
-                    } else {
-                        self.align(&mut record, &target, &*target_scan, &*prepared)
-                            || (self.guess_by_prior().is_some() && self.retry(&mut record, older, &*prepared))
-                    };
+                    let last = (&target, &*target_scan);
+                    let accepted = self.try_all(&mut record, last, older, &*prepared);
                     if accepted {
                         self.refine(&mut record, (target, target_scan.clone()), older, &*prepared);
                     }
@@ -195,6 +191,24 @@ impl SequentialAligner {
         }
         self.remember(&record);
         record
+    }
+
+    /// Tries what there is to be tried, likeliest first, until a result is accepted.
+    fn try_all(
+        &mut self,
+        record: &mut AlignmentRecord,
+        last: (&TargetState, &dyn PreparedScan),
+        older: &mut dyn OlderScans,
+        source: &dyn PreparedScan,
+    ) -> bool {
+        let (name, guess) = (HypothesisName::OlderScan, record.map_from_scanner);
+        let accepted = if self.is_nearer_to_others(record, last.0, older) {
+            self.retry(record, name, &guess, older, source) || self.align(record, last, source)
+        } else {
+            self.align(record, last, source)
+                || (self.guess_by_prior().is_some() && self.retry(record, name, &guess, older, source))
+        };
+        accepted || (self.is_sure() && self.go_farther(record, last, older, source))
     }
 
     /// The record of a scan of which only the guess is known.
@@ -226,7 +240,7 @@ impl SequentialAligner {
     }
 
     /// Where the prior has the scan in the map: there, or the target's pose and the motion by the priors since.
-    fn guess_by_prior(&self) -> Option<Pose> {
+    pub(super) fn guess_by_prior(&self) -> Option<Pose> {
         let (target, prior) = (self.state.target?, self.prior?);
         match prior.frame {
             PriorFrame::Map => Some(prior.map_from_scanner),
@@ -265,12 +279,11 @@ impl SequentialAligner {
     fn align(
         &mut self,
         record: &mut AlignmentRecord,
-        target: &TargetState,
-        target_scan: &dyn PreparedScan,
+        (target, scan): (&TargetState, &dyn PreparedScan),
         source: &dyn PreparedScan,
     ) -> bool {
         for (name, start, pair_distance_m) in self.starts(target) {
-            let attempt = Attempt { name, target, scan: target_scan, start, pair_distance_m };
+            let attempt = Attempt { name, target, scan, start, pair_distance_m };
             if self.attempt(record, &attempt, source) {
                 return true;
             }
@@ -295,107 +308,24 @@ impl SequentialAligner {
 
     /// Tries older scans, one after the other, from where the scan is guessed to be. Without this a scan that shares too
     /// little with the last accepted one would be the end: all that follow are compared with that same one.
-    fn retry(&mut self, record: &mut AlignmentRecord, older: &mut dyn OlderScans, source: &dyn PreparedScan) -> bool {
-        let (guess, pair_distance_m) = (record.map_from_scanner, self.config.limits.pair_distance_m);
+    pub(super) fn retry(
+        &mut self,
+        record: &mut AlignmentRecord,
+        name: HypothesisName,
+        guess: &Pose,
+        older: &mut dyn OlderScans,
+        source: &dyn PreparedScan,
+    ) -> bool {
+        let pair_distance_m = self.config.limits.pair_distance_m;
         for k in 0.. {
-            let Some((target, scan)) = older.get(&*self.registration, &guess, k) else { break };
-            let (name, start) = (HypothesisName::OlderScan, target.map_from_scanner.inverse() * guess);
+            let Some((target, scan)) = older.get(&*self.registration, guess, k) else { break };
+            let start = target.map_from_scanner.inverse() * guess;
             let attempt = Attempt { name, target: &target, scan: &*scan, start, pair_distance_m };
             if self.attempt(record, &attempt, source) {
                 return true;
             }
         }
         false
-    }
-
-    /// Tries one start against one scan, notes the hypothesis, and completes the record if the result is accepted.
-    pub(super) fn attempt(
-        &mut self,
-        record: &mut AlignmentRecord,
-        attempt: &Attempt<'_>,
-        source: &dyn PreparedScan,
-    ) -> bool {
-        let &Attempt { target, scan, start, pair_distance_m, .. } = attempt;
-        let limits = Limits { pair_distance_m, ..self.config.limits };
-        let result = self.registration.align(scan, source, &start, &limits);
-        let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
-        let alignment = alignment.filter(|alignment| {
-            hypothesis.rejected = self.second_look(alignment, attempt, source).err();
-            hypothesis.rejected.is_none()
-        });
-        let alignment = alignment.and_then(|alignment| self.weigh(alignment, target, &mut hypothesis));
-        record.iterations += hypothesis.iterations;
-        record.hypotheses.push(hypothesis);
-        let Some(alignment) = alignment else { return false };
-        complete(record, target, alignment);
-        true
-    }
-
-    /// An accepted alignment, weighed with the prior if that came with a covariance. Where the two contradict each other the
-    /// alignment is believed only if the scans overlap much: scans that share little often fit somewhere else as well.
-    fn weigh(&self, mut alignment: Alignment, target: &TargetState, hypothesis: &mut Hypothesis) -> Option<Alignment> {
-        let allowed = self.config.prior_gate_sigmas;
-        let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| allowed > 0.0);
-        let Some((covariance, guess)) = covariance.zip(self.guess_by_prior()) else { return Some(alignment) };
-        let expected = target.map_from_scanner.inverse() * guess;
-        match weigh(&mut alignment, &expected, &covariance, allowed) {
-            Ok(()) => hypothesis.result = alignment.target_from_source,
-            Err(sigmas) if self.config.acceptance.is_doubtful(&alignment) => {
-                hypothesis.rejected = Some(Rejection::ContradictsPrior { sigmas, allowed, overlap: alignment.overlap });
-                return None;
-            }
-            Err(_) => {}
-        }
-        Some(alignment)
-    }
-
-    /// Weighs an accepted alignment that overlaps little by evidence of its own.
-    fn second_look(
-        &mut self,
-        alignment: &Alignment,
-        attempt: &Attempt<'_>,
-        source: &dyn PreparedScan,
-    ) -> Result<(), Rejection> {
-        let (acceptance, pose) = (self.config.acceptance, &alignment.target_from_source);
-        if !acceptance.is_doubtful(alignment) {
-            return Ok(());
-        }
-        acceptance.weigh(&match attempt.name {
-            HypothesisName::OlderScan | HypothesisName::Submap => self.verifier.weigh_other(attempt.scan, source, pose),
-            _ => self.verifier.weigh(attempt.scan, source, pose),
-        })
-    }
-
-    /// The hypothesis as recorded, and the alignment if it is accepted; a prior holds directions that the scans leave open.
-    fn judge(
-        &self,
-        attempt: &Attempt<'_>,
-        limits: &Limits,
-        result: Result<Alignment, AlignError>,
-    ) -> (Hypothesis, Option<Alignment>) {
-        use HypothesisName::{OlderScan, PriorMotion, PriorMotionWide, Submap};
-        let &Attempt { name, start, .. } = attempt;
-        let has_prior = matches!(name, PriorMotion | PriorMotionWide | OlderScan | Submap);
-        let failed =
-            Hypothesis { name, start, result: start, overlap: 0.0, residual_m: 0.0, iterations: 0, rejected: None };
-        match result {
-            Err(error) => {
-                let rejected = Some(Rejection::Failed { reason: error.to_string() });
-                (Hypothesis { rejected, ..failed }, None)
-            }
-            Ok(alignment) => {
-                let rejected = self.config.acceptance.judge(&alignment, &start, limits, has_prior).err();
-                let hypothesis = Hypothesis {
-                    result: alignment.target_from_source,
-                    overlap: alignment.overlap,
-                    residual_m: alignment.residual_rms_m,
-                    iterations: alignment.iterations,
-                    rejected: rejected.clone(),
-                    ..failed
-                };
-                (hypothesis, rejected.is_none().then_some(alignment))
-            }
-        }
     }
 
     /// Makes the scan the last one, and the target if it was accepted.
@@ -412,23 +342,9 @@ impl SequentialAligner {
 }
 
 /// The pose with a quaternion of unit length again; products wear it off.
-fn normalised(mut pose: Pose) -> Pose {
+pub(super) fn normalised(mut pose: Pose) -> Pose {
     pose.rotation.renormalize();
     pose
-}
-
-/// Writes an accepted pair into the record.
-fn complete(record: &mut AlignmentRecord, target: &TargetState, alignment: Alignment) {
-    record.target_id = Some(target.scan_id);
-    record.map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
-    // A perturbation of the target's pose seen from the source: exp(x) T = T exp(Ad(T^-1) x).
-    let carried = adjoint(&alignment.target_from_source.inverse());
-    record.covariance = carried * target.covariance * carried.transpose() + alignment.covariance;
-    record.pair_covariance = Some(alignment.covariance);
-    record.overlap = alignment.overlap;
-    record.residual_m = alignment.residual_rms_m;
-    record.constraint = Some(alignment.constraint);
-    record.status = AlignmentStatus::Aligned;
 }
 
 /// Why the scan itself is of no use.

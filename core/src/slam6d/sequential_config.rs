@@ -16,7 +16,8 @@ pub struct SequentialConfig {
     /// The pair distance of the second attempt from the same start [m].
     pub wide_pair_distance_m: f64,
     /// A pose within so many standard deviations of its prior's and its own from the one expected by the prior is weighed with
-    /// it; one farther off is refused where the scans overlap by less than `acceptance.verify_below_overlap`. 0 never asks.
+    /// it; one farther off is refused where the scans overlap by less than `acceptance.verify_below_overlap`, and must be consistent
+    /// as those below it where they overlap more. 0 never asks.
     /// Only for priors that come with a covariance.
     pub prior_gate_sigmas: f64,
     /// A scan that overlaps its target by less than this is aligned once more, to the target and `submap_scans` accepted scans

@@ -1,16 +1,21 @@
 //! A scan that shares little with the one it was aligned to, aligned once more to that one and others near it as one: what the
 //! older scans see together holds it where a single one leaves it to slide.
 
+use super::attempt::Attempt;
 use super::older_scans::{Accepted, OlderScans};
-use super::sequential::{Attempt, SequentialAligner};
+use super::sequential::SequentialAligner;
 use super::{AlignmentRecord, HypothesisName, TargetState};
-use crate::geometry::Pose;
+use crate::geometry::{Pose, log};
 use crate::registration::PreparedScan;
 use crate::scan::{Point, ScanView};
 
+/// So far from the prior [standard deviations] a pose may be moved by aligning it once more: where the scans leave a direction
+/// nearly open, more overlap is no proof.
+const MOST_STRAIN: f64 = 3.0;
+
 impl SequentialAligner {
     /// Aligns an accepted scan once more, from where it was found, to its target together with the accepted scans near it. The
-    /// record is left as it is unless the result is accepted and overlaps more.
+    /// record is left as it is unless the result is accepted, overlaps more, and lies no farther from the prior than is likely.
     pub(super) fn refine(
         &mut self,
         record: &mut AlignmentRecord,
@@ -36,12 +41,23 @@ impl SequentialAligner {
         let (name, start) = (HypothesisName::Submap, target.map_from_scanner.inverse() * found);
         let attempt = Attempt { name, target, scan: &*together, start, pair_distance_m };
         let mut refined = record.clone();
-        if self.attempt(&mut refined, &attempt, source) && refined.overlap > record.overlap {
+        let accepted = self.attempt(&mut refined, &attempt, source) && refined.overlap > record.overlap;
+        if accepted && self.strain(&refined) <= self.strain(record).max(MOST_STRAIN) {
             *record = refined;
         } else {
             // What was tried is said all the same.
             (record.hypotheses, record.iterations) = (refined.hypotheses, refined.iterations);
         }
+    }
+}
+
+impl SequentialAligner {
+    /// How far a pose lies from where the prior has it, in standard deviations of the prior; 0 for a prior that does not say.
+    fn strain(&self, record: &AlignmentRecord) -> f64 {
+        let covariance = self.prior.and_then(|prior| prior.covariance);
+        let Some((guess, covariance)) = self.guess_by_prior().zip(covariance) else { return 0.0 };
+        let off = log(&(guess.inverse() * record.map_from_scanner));
+        covariance.cholesky().map_or(0.0, |factor| off.dot(&factor.solve(&off)).max(0.0).sqrt())
     }
 }
 

@@ -54,11 +54,11 @@ fn a_walk_without_priors_is_followed_by_constant_motion() {
 fn a_pose_far_from_a_sure_prior_is_believed_where_the_scans_share_much_and_refused_where_they_share_little() {
     let walk = walk(2);
     let scans = yard_scans(&walk);
-    let off = walk[1] * Pose::translation(0.7, 0.0, 0.0);
+    let off = |metres: f64| walk[1] * Pose::translation(metres, 0.0, 0.0);
     let sigmas = [0.1, 0.1, 0.1, 0.01, 0.01, 0.01].map(|sigma: f64| sigma * sigma);
     let covariance = Some(Covariance::from_diagonal(&sigmas.into()));
     // What counts as much.
-    let second = |verify_below_overlap: f64| {
+    let second = |metres: f64, verify_below_overlap: f64| {
         let acceptance = AcceptanceConfig { verify_below_overlap, ..AcceptanceConfig::default() };
         let config = SequentialConfig { acceptance, ..SequentialConfig::default() };
         let mut aligner = SequentialAligner::new(method(DEFAULT_METHOD, 1), config, VOXEL_M).unwrap();
@@ -68,15 +68,25 @@ fn a_pose_far_from_a_sure_prior_is_believed_where_the_scans_share_much_and_refus
             aligner.align_prepared(k as u64, prepared, Some(prior))
         };
         align(0, walk[0]);
-        align(1, off)
+        align(1, off(metres))
     };
-    let much = second(0.5);
+    let much = second(0.7, 0.5);
     assert!(much.is_accepted() && much.overlap > 0.5 && error(&much, &walk[1]) < 0.03, "{much:?}");
-    let little = second(1.0);
-    assert!(!little.is_accepted());
-    assert_eq!(little.map_from_scanner, off, "it stays where its prior has it");
-    let rejected = little.hypotheses[0].rejected.as_ref().unwrap();
-    assert!(matches!(rejected, Rejection::ContradictsPrior { sigmas, .. } if *sigmas > 5.0), "{rejected:?}");
+    let little = second(0.7, 1.0);
+    assert!(matches!(refused(&little.hypotheses[0]), Some(sigmas) if (5.0..10.0).contains(&sigmas)), "{little:?}");
+    let last = little.hypotheses.last().unwrap();
+    assert!(little.is_accepted() && last.name == HypothesisName::Farther, "nothing else fits: {little:?}");
+    let nowhere = second(1.3, 1.0);
+    assert!(!nowhere.is_accepted() && nowhere.hypotheses.iter().all(|h| refused(h).is_some()), "{nowhere:?}");
+    assert_eq!(nowhere.map_from_scanner, off(1.3), "it stays where its prior has it");
+}
+
+/// By how many standard deviations a hypothesis contradicts the prior, if it was refused for that.
+fn refused(hypothesis: &Hypothesis) -> Option<f64> {
+    match hypothesis.rejected {
+        Some(Rejection::ContradictsPrior { sigmas, .. }) => Some(sigmas),
+        _ => None,
+    }
 }
 
 #[test]

@@ -136,6 +136,18 @@ fn every_slot_is_allocated_at_the_start_and_fits_the_budget() {
 }
 
 #[test]
+fn a_domain_of_the_longest_name_can_be_used() {
+    let name = format!("long{}{}", std::process::id(), "x".repeat(30));
+    let longest = (1..name.len()).rev().find_map(|length| Domain::new(&name[..length]).ok()).unwrap();
+    let domain = TestDomain(longest);
+    let here = domain.join("a-service-of-a-long-name", 10, Wake::Event);
+    let subscriber = here.subscriber::<topics::RegistrationRequest>().unwrap();
+    let publisher = here.publisher::<topics::RegistrationRequest>().unwrap();
+    publisher.send_copy(Default::default(), &[]).unwrap();
+    assert!(subscriber.receive().unwrap().is_some());
+}
+
+#[test]
 fn two_domains_do_not_hear_each_other() {
     let (one, two) = (TestDomain::new(), TestDomain::new());
     let (a, b) = (one.join("a", 10, Wake::Event), two.join("b", 10, Wake::Event));

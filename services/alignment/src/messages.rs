@@ -69,8 +69,15 @@ pub(crate) fn meta(aligned: &Aligned, facts: &Facts) -> AlignmentMeta {
     }
 }
 
-/// The hypotheses of a record.
-pub(crate) fn hypothesis(hypothesis: &Hypothesis) -> messages::Hypothesis {
+/// The hypotheses of a record, at most `most`: of a scan that was tried at many places the first ones, and the last, which
+/// tells what came of it.
+pub(crate) fn hypotheses(all: &[Hypothesis], most: usize) -> Vec<messages::Hypothesis> {
+    let left_out = all.len().saturating_sub(most);
+    let first = all.len().saturating_sub(left_out + 1);
+    all.iter().take(first).chain(all.iter().skip(first + left_out)).map(hypothesis).collect()
+}
+
+fn hypothesis(hypothesis: &Hypothesis) -> messages::Hypothesis {
     messages::Hypothesis {
         start: rows_from_pose(&hypothesis.start),
         found: rows_from_pose(&hypothesis.result),
@@ -175,6 +182,7 @@ fn word(name: HypothesisName) -> &'static str {
         HypothesisName::ConstantMotion => "constant motion",
         HypothesisName::ConstantMotionWide => "constant motion, wide gate",
         HypothesisName::OlderScan => "prior, an older scan near it",
+        HypothesisName::Farther => "on from where another ended at its limits",
         HypothesisName::Submap => "refined, all near scans as one",
         HypothesisName::ZeroMotion => "no motion",
         HypothesisName::Search => "search around the last pose",
@@ -184,7 +192,28 @@ fn word(name: HypothesisName) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use mirador_core::geometry::Pose;
+
     use super::*;
+
+    #[test]
+    fn of_many_hypotheses_the_first_and_the_last_are_told() {
+        let tried = |k: u32| Hypothesis {
+            name: HypothesisName::OlderScan,
+            start: Pose::identity(),
+            result: Pose::identity(),
+            overlap: 0.5,
+            residual_m: 0.01,
+            iterations: k,
+            rejected: None,
+        };
+        let told = |count: u32, most| {
+            let all: Vec<_> = (0..count).map(tried).collect();
+            hypotheses(&all, most).iter().map(|h| h.iterations).collect::<Vec<_>>()
+        };
+        assert_eq!((told(0, 4), told(3, 4), told(4, 4)), (vec![], vec![0, 1, 2], vec![0, 1, 2, 3]));
+        assert_eq!((told(9, 4), told(9, 1)), (vec![0, 1, 2, 8], vec![8]));
+    }
 
     #[test]
     fn a_message_comes_back_from_its_bytes_and_from_no_others() {

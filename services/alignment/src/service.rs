@@ -249,7 +249,7 @@ impl<'a> Alignment<'a> {
             align_ns: nanoseconds(begin.elapsed()),
         };
         let meta = messages::meta(&aligned, &facts);
-        let hypotheses: Vec<_> = aligned.record.hypotheses.iter().map(messages::hypothesis).collect();
+        let hypotheses = messages::hypotheses(&aligned.record.hypotheses, self.outbox.poses.capacity());
         send(&self.outbox.poses, meta, &hypotheses)?;
         self.health.worked(WorkSpan::until_now("align", number, span.ended_ns, self.pause, align_ns));
         self.pause = Pause::default();

@@ -6,8 +6,8 @@ use mirador_core::geometry::{Pose, pose_from_rows, rows_from_pose};
 use mirador_core::information_map::{Condenser, Correction};
 use mirador_core::view_planning::{PlanningConfig, Situation, Strategy, StrategyRegistry, Workspace};
 use mirador_ipc_schema::messages::{
-    ALIGNMENT_REJECTED, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN, PathMeta,
-    ReplanRequest, ViewPlanMeta, Waypoint, WorkSpan,
+    ALIGNMENT_REJECTED, AlignmentMeta, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN,
+    PathMeta, ReplanRequest, ViewPlanMeta, Waypoint, WorkSpan,
 };
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::{Participant, Pause, Subscriber, Wakeable, clock, topics};
@@ -198,21 +198,13 @@ impl<'a> Planning<'a> {
             return Ok(());
         }
         log_place(number, || step.scan.location());
-        for obstruction in self.inbox.obstructions()? {
-            if !obstruction.is_usable() {
-                tracing::warn!(
-                    ?obstruction,
-                    "an obstruction is not finite, or its radius is not above 0 and at most 10 m; ignored"
-                );
-            }
-            self.kept.map.obstruct(obstruction);
-        }
         let header = Header::about(step.scan.header(), clock::monotonic_ns());
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
         let map_from_scanner = pose_from_rows(&step.alignment.map_from_scanner)
             .ok_or_else(|| work("its alignment is not a rigid pose".into()))?;
-        self.note_way(&robot_pose(&map_from_scanner, step.scores.meta().ground_height_m));
+        self.note_obstructions(&step.alignment, &map_from_scanner)?;
         if step.alignment.status != ALIGNMENT_REJECTED {
+            self.note_way(&robot_pose(&map_from_scanner, step.scores.meta().ground_height_m));
             self.update_map(number, step, &map_from_scanner).map_err(work)?;
         }
         let basis = Basis {
@@ -246,6 +238,27 @@ impl<'a> Planning<'a> {
         self.health.worked(WorkSpan::until_now("show", number, 0, self.pause, planned.ended_ns));
         if !self.config.corrections.awaited {
             self.health.finished(participant, self.progress.finished_scans, begin.elapsed());
+        }
+        Ok(())
+    }
+
+    /// Notes in the map where something held the robot on its way to this scan: where localisation had it, moved by what
+    /// alignment has found it to be off there.
+    fn note_obstructions(&mut self, alignment: &AlignmentMeta, map_from_scanner: &Pose) -> Result<(), ServiceError> {
+        let prior = pose_from_rows(&alignment.prior).filter(|_| alignment.has_prior != 0);
+        let aligned = (alignment.status != ALIGNMENT_REJECTED).then_some(map_from_scanner);
+        let (correction, height_m) = aligned
+            .zip(prior)
+            .map_or_else(|| (Pose::identity(), 0.0), |(now, before)| (now * before.inverse(), before.translation.z));
+        for told in self.inbox.obstructions()? {
+            let obstruction = told.moved_by(&correction, height_m);
+            if !obstruction.is_usable() {
+                tracing::warn!(
+                    ?told,
+                    "an obstruction is not finite, or its radius is not above 0 and at most 10 m; ignored"
+                );
+            }
+            self.kept.map.obstruct(obstruction);
         }
         Ok(())
     }

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use super::drifting::{block, method};
 use super::*;
 use crate::geometry::Covariance;
+use crate::registration::Limits;
 use crate::registration::test_scenes::scan_of;
 use crate::slam6d::{HypothesisName, Prior, PriorFrame};
 
@@ -106,6 +107,21 @@ fn a_prior_that_says_how_sure_it_is_is_not_overruled_by_constant_motion() {
     let unsure = step(&mut start(), 1, &points, Some(place(3))).0;
     assert!(!sure.is_accepted() && !constant(&sure), "{sure:?}");
     assert!(constant(&unsure), "{unsure:?}");
+}
+
+#[test]
+fn a_scan_taken_farther_from_its_prior_than_an_attempt_may_go_is_found_all_the_same() {
+    let limits = Limits { max_translation_m: 0.6, ..Limits::default() };
+    let sequential = SequentialConfig { limits, ..SequentialConfig::default() };
+    let mut aligner = GlobalAligner::new(method(1), sequential, GlobalConfig::default(), SPACING_M).unwrap();
+    let around = std::f64::consts::PI;
+    step_surely(&mut aligner, 0, &sector(&place(0), 0.0, around, 1), place(0));
+    // The wheels turned for as far as that, and the robot stood nearly where it was.
+    let believed = place(1) * Pose::translation(0.5, 1.2, 0.0);
+    let record = step_surely(&mut aligner, 1, &sector(&place(1), 0.0, around, 2), believed);
+    let names: Vec<HypothesisName> = record.hypotheses.iter().map(|h| h.name).collect();
+    assert!(record.is_accepted() && names.last() == Some(&HypothesisName::Farther), "{record:?}");
+    assert!((record.map_from_scanner.inverse() * place(1)).translation.vector.norm() < 0.03);
 }
 
 #[test]
