@@ -5,6 +5,7 @@ use nalgebra::{Vector2, Vector3};
 use super::config::NavigationConfig;
 use super::drive::{Drive, DriveState, RobotNow};
 use super::give_up::GiveUp;
+use super::lean::{LeanWatch, downhill};
 use super::obstacles::{Surroundings, Way};
 use super::path::Path;
 use super::progress::{Progress, Trail};
@@ -21,6 +22,8 @@ const CAREFUL_SPEED: f64 = 0.2;
 const STOPPED_M: f64 = 0.05;
 /// Leaning so much more than when the ground began to look as if it fell away is proof that it does [deg].
 const EDGE_TILT_DEG: f64 = 4.0;
+/// Turning back from an edge [rad/s].
+const TURN_BACK_SPEED: f64 = 0.4;
 /// How long a lost localisation is waited for [s].
 const LOST_S: f64 = 3.0;
 
@@ -45,6 +48,8 @@ pub struct Driver {
     /// Way driven since the ground began to look as if it fell away [m], and how far the robot leant then [deg].
     falling: f64,
     tilt_before_deg: f64,
+    lean: LeanWatch,
+    has_leant: bool,
     healthy_since_ns: Option<i64>,
     ahead: Vec<Vector2<f64>>,
     /// What was asked of the drives last: forward and turning speed.
@@ -74,6 +79,8 @@ impl Driver {
             back_left: 0.0,
             falling: 0.0,
             tilt_before_deg: 0.0,
+            lean: LeanWatch::default(),
+            has_leant: false,
             healthy_since_ns: None,
             ahead: Vec::new(),
             asked: [0.0; 2],
@@ -232,6 +239,11 @@ impl Driver {
         if tilt_deg > config.follow.max_tilt_deg {
             return self.recover(now, GiveUp::Tilted { tilt_deg }, config);
         }
+        let turning = aim.curvature.is_none().then_some(aim.turn);
+        let leans_on_the_way = turning.is_none() && self.lean.leans_on_the_way(self.driven, tilt_deg);
+        if self.lean.leans(turning, &now.map_from_robot, tilt_deg) || leans_on_the_way {
+            return self.recover(now, GiveUp::Edge, config);
+        }
         self.trail.note(&at);
         let reach = config.obstacles.half_length_m + config.obstacles.slow_gap_m + 0.5;
         let mut ahead = std::mem::take(&mut self.ahead);
@@ -291,7 +303,9 @@ impl Driver {
     }
 
     fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
-        if self.attempts >= config.recovery.attempts {
+        // Over an edge it must not stay, however often it has backed up.
+        self.has_leant |= self.lean.is_over_an_edge();
+        if self.attempts >= config.recovery.attempts && !self.lean.is_over_an_edge() {
             return self.give_up(now, reason, config);
         }
         self.attempts += 1;
@@ -303,6 +317,10 @@ impl Driver {
 
     fn back_up(&mut self, now: &RobotNow, step: f64, around: &Surroundings, config: &NavigationConfig) -> [f64; 2] {
         let recovery = &config.recovery;
+        if let Some(way) = self.lean.way_back(&now.map_from_robot) {
+            self.since_ns = Some(now.stamp_ns);
+            return [0.0, way * TURN_BACK_SPEED.min(config.follow.max_turn)];
+        }
         self.back_left -= step * now.linear.abs();
         let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
         let is_late = waited > 3.0 * recovery.back_up_m / recovery.back_up_speed + 1.0;
@@ -311,7 +329,13 @@ impl Driver {
             // What it has come back over is before it again.
             self.pursuit.go_back(recovery.back_up_m);
             self.falling = 0.0;
-            self.enter(now, DriveState::Driving);
+            if self.has_leant {
+                // The path leads along the edge; the map learns where that is.
+                self.obstruction = self.held;
+                self.enter(now, DriveState::GaveUp(GiveUp::Edge));
+            } else {
+                self.enter(now, DriveState::Driving);
+            }
             return [0.0; 2];
         }
         let linear = -recovery.back_up_speed;
@@ -341,7 +365,11 @@ impl Driver {
     }
 
     fn obstruction_by(&self, now: &RobotNow, reason: &GiveUp, config: &NavigationConfig) -> Option<Obstruction> {
-        let contact = reason.contact(self.asked, &config.obstacles)?;
+        let contact = if self.lean.is_over_an_edge() {
+            downhill(&now.map_from_robot, config.obstacles.half_length_m)
+        } else {
+            reason.contact(self.asked, &config.obstacles)?
+        };
         let centre = (now.map_from_robot * contact).xy().coords.into();
         Some(Obstruction { centre, radius_m: config.recovery.obstruction_radius_m })
     }

@@ -9,6 +9,7 @@ mod config;
 mod drive;
 mod driver;
 mod give_up;
+mod lean;
 mod mission;
 mod motion_sources;
 mod obstacles;

@@ -1,7 +1,7 @@
 //! One attempt to align a scan, from a start to a result that is accepted or not.
 
 use super::farther::Farthest;
-use super::prior::weigh;
+use super::prior::{hold_weak_directions, weigh};
 use super::sequential::{SequentialAligner, normalised};
 use super::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection, TargetState};
 use crate::geometry::{Pose, adjoint};
@@ -67,6 +67,7 @@ impl SequentialAligner {
         let gate = self.config.prior_gate_sigmas;
         let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| gate > 0.0)?;
         let expected = target.map_from_scanner.inverse() * self.guess_by_prior()?;
+        hold_weak_directions(alignment, &expected, &covariance);
         weigh(alignment, &expected, &covariance, gate).err()
     }
 

@@ -58,6 +58,37 @@ pub(super) fn weigh(alignment: &mut Alignment, expected: &Pose, prior: &Covarian
     Ok(())
 }
 
+/// A direction that the pairs constrain by less than this may be one that only the noise of the normals seems to hold (see
+/// [`crate::registration::Constraint`]).
+const WEAK: f64 = 0.004;
+/// So far from the prior [its standard deviations] the pose is not believed along such a direction,
+const WEAK_SIGMAS: f64 = 3.0;
+/// and known no better than this [m, and m at the distance of the points for rotations].
+const WEAK_SIGMA_M: f64 = 2.0;
+
+/// Takes the pose back to the expected one along directions that the scans hold but weakly, where registration has left it by
+/// more than the prior makes likely: along a wall it slides far for little. What it found in all other directions stays.
+pub(super) fn hold_weak_directions(alignment: &mut Alignment, expected: &Pose, prior: &Covariance) {
+    let constraint = &alignment.constraint;
+    let scale = Covariance::from_diagonal(&constraint.scale());
+    let spread = scale * prior * scale;
+    let mut error = scale * log(&(expected.inverse() * alignment.target_from_source));
+    let mut unknown = Covariance::zeros();
+    for k in (0..6).filter(|&k| constraint.is_constrained(k) && constraint.eigenvalues[k] < WEAK) {
+        let direction = constraint.directions.column(k).into_owned();
+        let along = direction.dot(&error);
+        if along.powi(2) > WEAK_SIGMAS.powi(2) * direction.dot(&(spread * direction)) {
+            error -= along * direction;
+            unknown += WEAK_SIGMA_M.powi(2) * direction * direction.transpose();
+        }
+    }
+    let Some(back) = scale.try_inverse().filter(|_| unknown != Covariance::zeros()) else { return };
+    let mut pose = expected * exp(&(back * error));
+    pose.rotation.renormalize();
+    alignment.target_from_source = pose;
+    alignment.covariance += back * unknown * back;
+}
+
 #[cfg(test)]
 mod tests {
     use nalgebra::{Vector3, Vector6};
@@ -94,6 +125,29 @@ mod tests {
         assert!(left.x.abs() < 0.005 && (left.y - 0.12).abs() < 0.001, "{left}");
         assert!(found.covariance[(0, 0)].sqrt() < 0.1 && found.covariance[(1, 1)].sqrt() < 0.004);
         assert!(found.covariance.cholesky().is_some());
+    }
+
+    #[test]
+    fn along_a_weak_direction_a_pose_far_from_the_prior_is_taken_back_and_one_near_it_stays() {
+        let expected = Pose::new(Vector3::new(3.0, 1.0, 0.0), Vector3::new(0.0, 0.0, 0.4));
+        let found = |along: f64, eigenvalue: f64| {
+            let off = Pose::new(Vector3::new(along, 0.02, 0.0), Vector3::new(0.0, 0.0, 0.003));
+            let constraint = Constraint {
+                eigenvalues: [eigenvalue, 0.1, 0.1, 0.2, 0.3, 0.4],
+                length_m: 8.0,
+                ..Constraint::none(0.001)
+            };
+            let mut found = Alignment { constraint, ..alignment(expected * off, [0.02; 6]) };
+            hold_weak_directions(&mut found, &expected, &prior());
+            (log(&(expected.inverse() * found.target_from_source)), found.covariance[(0, 0)].sqrt())
+        };
+        let (far, sigma) = found(0.46, 0.002);
+        assert!(far[0].abs() < 0.002 && (far[1] - 0.02).abs() < 0.002 && (far[5] - 0.003).abs() < 1e-6, "{far}");
+        assert!(sigma > 1.0);
+        for (along, eigenvalue) in [(0.2, 0.002), (0.46, 0.01), (0.46, 0.0005)] {
+            let (kept, sigma) = found(along, eigenvalue);
+            assert!((kept[0] - along).abs() < 1e-3 && sigma < 0.03, "{along} {eigenvalue}: {kept}");
+        }
     }
 
     #[test]

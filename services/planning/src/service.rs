@@ -204,7 +204,7 @@ impl<'a> Planning<'a> {
             .ok_or_else(|| work("its alignment is not a rigid pose".into()))?;
         self.note_obstructions(&step.alignment, &map_from_scanner)?;
         if step.alignment.status != ALIGNMENT_REJECTED {
-            self.note_way(&robot_pose(&map_from_scanner, step.scores.meta().ground_height_m));
+            self.note_way(&step.alignment, &map_from_scanner);
             self.update_map(number, step, &map_from_scanner).map_err(work)?;
         }
         let basis = Basis {
@@ -245,7 +245,7 @@ impl<'a> Planning<'a> {
     /// Notes in the map where something held the robot on its way to this scan: where localisation had it, moved by what
     /// alignment has found it to be off there.
     fn note_obstructions(&mut self, alignment: &AlignmentMeta, map_from_scanner: &Pose) -> Result<(), ServiceError> {
-        let prior = pose_from_rows(&alignment.prior).filter(|_| alignment.has_prior != 0);
+        let prior = prior_of(alignment);
         let aligned = (alignment.status != ALIGNMENT_REJECTED).then_some(map_from_scanner);
         let (correction, height_m) = aligned
             .zip(prior)
@@ -263,12 +263,15 @@ impl<'a> Planning<'a> {
         Ok(())
     }
 
-    /// Notes in the map how far the robot has come along the last path.
-    fn note_way(&mut self, map_from_robot: &Pose) {
+    /// Notes in the map how far the robot has come along the last path, and where that was.
+    fn note_way(&mut self, alignment: &AlignmentMeta, map_from_scanner: &Pose) {
         let Some((_, waypoints)) = messages::from_bytes::<PathMeta, Waypoint>(&self.progress.last_path) else { return };
         let path: Vec<_> = waypoints.iter().map(|waypoint| [waypoint.position[0], waypoint.position[1]]).collect();
-        let place = map_from_robot.translation.vector;
-        self.kept.map.drove(&way::driven(&path, [place.x, place.y]));
+        let place = |pose: &Pose| [pose.translation.x, pose.translation.y];
+        let found = place(map_from_scanner);
+        let believed = prior_of(alignment).map_or(found, |prior| place(&prior));
+        let way = way::driven(&path, believed);
+        self.kept.map.drove(&way::corrected(&way, [found[0] - believed[0], found[1] - believed[1]]));
     }
 
     fn update_map(&mut self, number: u32, step: &Step, map_from_scanner: &Pose) -> Result<(), String> {
@@ -391,4 +394,9 @@ fn robot_pose(map_from_scanner: &Pose, ground_height_m: f64) -> Pose {
     let (_, _, yaw) = map_from_scanner.rotation.euler_angles();
     let position = map_from_scanner.translation.vector + Vector3::new(0.0, 0.0, ground_height_m);
     Pose::from_parts(Translation3::from(position), UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw))
+}
+
+/// Where localisation had the scan, if it said so.
+fn prior_of(alignment: &AlignmentMeta) -> Option<Pose> {
+    pose_from_rows(&alignment.prior).filter(|_| alignment.has_prior != 0)
 }

@@ -26,9 +26,31 @@ pub(crate) fn driven(path: &[[f64; 2]], robot: [f64; 2]) -> Vec<[f64; 2]> {
     }
 }
 
+/// The same way when it turns out at its end that the robot is `off` from where it took itself to be [m]: as it knew where it
+/// was at the beginning, each place is moved by its share of the way.
+pub(crate) fn corrected(way: &[[f64; 2]], off: [f64; 2]) -> Vec<[f64; 2]> {
+    let lengths: Vec<f64> =
+        way.windows(2).map(|piece| (piece[1][0] - piece[0][0]).hypot(piece[1][1] - piece[0][1])).collect();
+    let total: f64 = lengths.iter().sum();
+    let along = std::iter::once(0.0).chain(lengths.iter().scan(0.0, |sum, length| {
+        *sum += length;
+        Some(*sum)
+    }));
+    let share = |at: f64| if total > 0.0 { at / total } else { 1.0 };
+    way.iter().zip(along).map(|(place, at)| [place[0] + share(at) * off[0], place[1] + share(at) * off[1]]).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_the_robot_was_off_at_the_end_came_about_on_the_way() {
+        let way = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0]];
+        assert_eq!(corrected(&way, [0.8, -0.4]), [[0.0, 0.0], [3.6, -0.3], [3.8, 0.6]]);
+        assert!(corrected(&[], [1.0, 1.0]).is_empty());
+        assert_eq!(corrected(&[[2.0, 2.0]], [1.0, 0.0]), [[3.0, 2.0]]);
+    }
 
     #[test]
     fn the_way_driven_ends_beside_the_robot_and_is_none_when_it_is_elsewhere() {
