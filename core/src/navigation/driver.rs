@@ -22,6 +22,9 @@ const CAREFUL_SPEED: f64 = 0.2;
 const STOPPED_M: f64 = 0.05;
 /// Leaning so much more than when the ground began to look as if it fell away is proof that it does [deg].
 const EDGE_TILT_DEG: f64 = 4.0;
+/// From an edge it goes back until it leans by less than this, so far at most and at least [deg, m].
+const LEVEL_DEG: f64 = 10.0;
+const LEAN_BACK_M: [f64; 2] = [0.3, 2.0];
 /// Turning back from an edge [rad/s].
 const TURN_BACK_SPEED: f64 = 0.4;
 /// How long a lost localisation is waited for [s].
@@ -310,7 +313,7 @@ impl Driver {
         }
         self.attempts += 1;
         self.held = self.obstruction_by(now, &reason, config).or(self.held);
-        self.back_left = config.recovery.back_up_m;
+        self.back_left = if self.has_leant { LEAN_BACK_M[1] } else { config.recovery.back_up_m };
         self.enter(now, DriveState::Recovering);
         [0.0; 2]
     }
@@ -323,9 +326,13 @@ impl Driver {
         }
         self.back_left -= step * now.linear.abs();
         let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
-        let is_late = waited > 3.0 * recovery.back_up_m / recovery.back_up_speed + 1.0;
+        let whole = if self.has_leant { LEAN_BACK_M[1] } else { recovery.back_up_m };
+        let is_late = waited > 3.0 * whole / recovery.back_up_speed + 1.0;
+        let is_level = self.has_leant
+            && whole - self.back_left > LEAN_BACK_M[0]
+            && tilt(&now.map_from_robot).to_degrees() < LEVEL_DEG;
         let is_blocked = around.gap_behind(now.stamp_ns, &config.obstacles) < config.obstacles.stop_gap_m;
-        if self.back_left <= 0.0 || is_late || is_blocked {
+        if self.back_left <= 0.0 || is_level || is_late || is_blocked {
             // What it has come back over is before it again.
             self.pursuit.go_back(recovery.back_up_m);
             self.falling = 0.0;
