@@ -253,6 +253,14 @@ impl InformationMap {
         &self.obstructions
     }
 
+    /// Forgets what held the robot, so that it may try again. Returns whether there was anything.
+    pub fn forget_obstructions(&mut self) -> bool {
+        let is_any = !self.obstructions.is_empty();
+        self.obstructions.clear();
+        self.revision += u64::from(is_any);
+        is_any
+    }
+
     /// Notes a way that the robot has driven, by its bends [m, map frame]; of what is not finite nothing.
     pub fn drove(&mut self, way: &[[f64; 2]]) {
         let is_finite = |piece: &&[[f64; 2]]| piece.iter().flatten().all(|x| x.is_finite());

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::geometry::Pose;
 
-/// A disc that the robot could not get into, whatever the scans say of it. It stands until the end of the run: whoever found
-/// the way free later would have to try it again.
+/// A disc that the robot could not get into, whatever the scans say of it. It stands until the end of the run, or until
+/// no way is left: whoever found it free would have to try it again.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Obstruction {
     /// Its centre [m, map frame].

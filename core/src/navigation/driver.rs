@@ -1,6 +1,6 @@
 //! Drives one path, until the robot has arrived or the target is given up.
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 
 use super::config::NavigationConfig;
 use super::drive::{Drive, DriveState, RobotNow};
@@ -46,13 +46,16 @@ pub struct Driver {
     progress: Progress,
     trail: Trail,
     attempts: u32,
-    /// How far it still has to back up [m].
+    /// How far it is to back up, and still has to [m].
+    back_whole: f64,
     back_left: f64,
     /// Way driven since the ground began to look as if it fell away [m], and how far the robot leant then [deg].
     falling: f64,
     tilt_before_deg: f64,
     lean: LeanWatch,
     has_leant: bool,
+    /// It gets away forwards: its tail hangs over an edge.
+    goes_ahead: bool,
     healthy_since_ns: Option<i64>,
     ahead: Vec<Vector2<f64>>,
     /// What was asked of the drives last: forward and turning speed.
@@ -79,11 +82,13 @@ impl Driver {
             progress: Progress::default(),
             trail: Trail::default(),
             attempts: 0,
+            back_whole: 0.0,
             back_left: 0.0,
             falling: 0.0,
             tilt_before_deg: 0.0,
             lean: LeanWatch::default(),
             has_leant: false,
+            goes_ahead: false,
             healthy_since_ns: None,
             ahead: Vec::new(),
             asked: [0.0; 2],
@@ -313,7 +318,9 @@ impl Driver {
         }
         self.attempts += 1;
         self.held = self.obstruction_by(now, &reason, config).or(self.held);
-        self.back_left = if self.has_leant { LEAN_BACK_M[1] } else { config.recovery.back_up_m };
+        self.goes_ahead = self.lean.straight_away() == Some(1.0);
+        self.back_whole = if self.has_leant && !self.goes_ahead { LEAN_BACK_M[1] } else { config.recovery.back_up_m };
+        self.back_left = self.back_whole;
         self.enter(now, DriveState::Recovering);
         [0.0; 2]
     }
@@ -326,12 +333,11 @@ impl Driver {
         }
         self.back_left -= step * now.linear.abs();
         let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
-        let whole = if self.has_leant { LEAN_BACK_M[1] } else { recovery.back_up_m };
-        let is_late = waited > 3.0 * whole / recovery.back_up_speed + 1.0;
+        let is_late = waited > 3.0 * self.back_whole / recovery.back_up_speed + 1.0;
         let is_level = self.has_leant
-            && whole - self.back_left > LEAN_BACK_M[0]
+            && self.back_whole - self.back_left > LEAN_BACK_M[0]
             && tilt(&now.map_from_robot).to_degrees() < LEVEL_DEG;
-        let is_blocked = around.gap_behind(now.stamp_ns, &config.obstacles) < config.obstacles.stop_gap_m;
+        let is_blocked = self.escape_gap(now, around, config) < config.obstacles.stop_gap_m;
         if self.back_left <= 0.0 || is_level || is_late || is_blocked {
             // What it has come back over is before it again.
             self.pursuit.go_back(recovery.back_up_m);
@@ -345,8 +351,21 @@ impl Driver {
             }
             return [0.0; 2];
         }
+        if self.goes_ahead {
+            return [recovery.back_up_speed, 0.0];
+        }
         let linear = -recovery.back_up_speed;
         [linear, linear * self.trail.back(&now.map_from_robot)]
+    }
+
+    /// Free way where it gets away to [m].
+    fn escape_gap(&self, now: &RobotNow, around: &Surroundings, config: &NavigationConfig) -> f64 {
+        if !self.goes_ahead {
+            return around.gap_behind(now.stamp_ns, &config.obstacles);
+        }
+        let pose = &now.map_from_robot;
+        let ahead = (pose * Point3::new(config.obstacles.slow_gap_m, 0.0, 0.0)).coords.xy();
+        around.way(now.stamp_ns, pose, &[place(pose), ahead], &self.path, self.pursuit.along, &config.obstacles).gap
     }
 
     /// Speeds by the aim, what is around, and what the drives can.

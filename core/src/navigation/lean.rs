@@ -18,20 +18,27 @@ const DRIVING_LEANING_DEG: f64 = 18.0;
 const STRETCH_M: f64 = 0.5;
 /// The way is noted this finely [m].
 const NOTE_M: f64 = 0.02;
-/// Where it leans forwards by this share it backs up: turning, its nose would slide down further.
-const NOSE_DOWN: f64 = 0.3;
+/// Where it leans forwards or backwards by this share it does not turn back, by which its nose or tail would slide down further.
+const ALONG: f64 = 0.3;
 /// It has turned back within this angle [rad].
 const TURNED_BACK: f64 = 0.1;
+
+/// How the robot gets away from an edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Escape {
+    /// Back to a heading [rad], in a direction of turning, then back the way it came.
+    Turn(f64, f64),
+    /// Straight: backwards or, where its tail hangs over, forwards.
+    Straight(f64),
+}
 
 /// Watches how the robot leans.
 #[derive(Debug, Clone, Default)]
 pub(super) struct LeanWatch {
     /// Heading and tilt when the turn began [rad, deg].
     began: Option<(f64, f64)>,
-    /// Heading to turn back to, and which way [rad], once it has turned a wheel over an edge.
-    back: Option<(f64, f64)>,
-    /// It backs up and does not turn: its nose hangs over, or it was driving.
-    is_straight_back: bool,
+    /// Once it has a wheel over an edge.
+    escape: Option<Escape>,
     /// Way driven and tilt there, over the last stretch [m, deg].
     stretch: VecDeque<(f64, f64)>,
 }
@@ -48,7 +55,7 @@ impl LeanWatch {
         let least_deg = self.stretch.iter().map(|(_, tilt)| *tilt).fold(tilt_deg, f64::min);
         let leans = tilt_deg > DRIVING_LEANING_DEG && tilt_deg > least_deg + DRIVING_MORE_DEG;
         if leans {
-            (self.back, self.is_straight_back) = (Some((0.0, 0.0)), true);
+            self.escape = Some(Escape::Straight(-1.0));
             self.stretch.clear();
         }
         leans
@@ -64,8 +71,13 @@ impl LeanWatch {
         let (heading, level_deg) = *self.began.get_or_insert((heading(map_from_robot), tilt_deg));
         let leans = tilt_deg > LEANING_DEG && tilt_deg > level_deg + MORE_DEG;
         if leans {
-            self.back = Some((heading, -turning.signum()));
-            self.is_straight_back = downhill(map_from_robot, 1.0).x > NOSE_DOWN;
+            let ahead = downhill(map_from_robot, 1.0).x;
+            let is_along = ahead.abs() > ALONG;
+            self.escape = Some(if is_along {
+                Escape::Straight(-ahead.signum())
+            } else {
+                Escape::Turn(heading, -turning.signum())
+            });
             self.began = None;
         }
         leans
@@ -73,17 +85,24 @@ impl LeanWatch {
 
     /// Whether it is to turn back.
     pub fn is_over_an_edge(&self) -> bool {
-        self.back.is_some()
+        self.escape.is_some()
+    }
+
+    /// Begins to get away: forgets the edge, unless it is to turn back first. Which way straight, where that is so.
+    pub fn straight_away(&mut self) -> Option<f64> {
+        let Some(Escape::Straight(way)) = self.escape else { return None };
+        self.escape = None;
+        Some(way)
     }
 
     /// Which way to turn back, if it is to, until it stands as it did before the turn.
     pub fn way_back(&mut self, map_from_robot: &Pose) -> Option<f64> {
-        let (to, way) = self.back?;
+        let Some(Escape::Turn(to, way)) = self.escape else { return None };
         let off = to - heading(map_from_robot);
-        if self.is_straight_back || off.sin().atan2(off.cos()).abs() <= TURNED_BACK {
-            self.back = None;
+        if off.sin().atan2(off.cos()).abs() <= TURNED_BACK {
+            self.escape = None;
         }
-        self.back.map(|_| way)
+        self.escape.map(|_| way)
     }
 }
 
@@ -122,11 +141,15 @@ mod tests {
     }
 
     #[test]
-    fn a_robot_whose_nose_hangs_over_an_edge_does_not_turn() {
-        let mut watch = LeanWatch::default();
-        let nose_down = Pose::from_parts(Vector3::zeros().into(), UnitQuaternion::from_euler_angles(0.2, 0.2, 0.3));
-        assert!(!watch.leans(Some(-0.5), &pose(60.0, 3.0), 3.0) && watch.leans(Some(-0.5), &nose_down, 16.0));
-        assert!(watch.is_over_an_edge() && watch.way_back(&nose_down).is_none() && !watch.is_over_an_edge());
+    fn a_robot_whose_nose_or_tail_hangs_over_an_edge_does_not_turn() {
+        for (pitch, way) in [(0.2, -1.0), (-0.2, 1.0)] {
+            let mut watch = LeanWatch::default();
+            let rotation = UnitQuaternion::from_euler_angles(0.2, pitch, 0.3);
+            let leaning = Pose::from_parts(Vector3::zeros().into(), rotation);
+            assert!(!watch.leans(Some(-0.5), &pose(60.0, 3.0), 3.0) && watch.leans(Some(-0.5), &leaning, 16.0));
+            assert!(watch.is_over_an_edge() && watch.way_back(&leaning).is_none());
+            assert_eq!((watch.straight_away(), watch.is_over_an_edge()), (Some(way), false));
+        }
     }
 
     #[test]
@@ -149,7 +172,7 @@ mod tests {
         let tilt = |k: u32| if k < 100 { 6.0 } else { 6.0 + 0.8 * f64::from(k - 100) };
         let stopped = (0..200).find(|&k| watch.leans_on_the_way(0.01 * f64::from(k), tilt(k)));
         assert!(matches!(stopped, Some(110..120)), "{stopped:?}");
-        assert!(watch.is_over_an_edge() && watch.way_back(&pose(0.0, 18.0)).is_none() && !watch.is_over_an_edge());
+        assert!(watch.is_over_an_edge() && watch.straight_away() == Some(-1.0) && !watch.is_over_an_edge());
     }
 
     #[test]

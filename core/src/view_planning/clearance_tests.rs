@@ -76,6 +76,21 @@ fn what_held_the_robot_is_kept_away_from_and_closes_a_gap() {
 }
 
 #[test]
+fn a_robot_shut_in_by_what_held_it_reaches_nothing_until_that_is_forgotten() {
+    let mut map = walled(|_| false);
+    for k in 0..40 {
+        let angle = std::f64::consts::TAU * f64::from(k) / 40.0;
+        map.obstruct(Obstruction { centre: [6.0 + 2.5 * angle.cos(), 6.0 + 2.5 * angle.sin()], radius_m: 0.3 });
+    }
+    let plan = |map: &InformationMap| plan_with(&mut Random::default(), map, &at(6.0, 6.0), &PlanningConfig::default());
+    let shut_in = plan(&map);
+    assert!(shut_in.candidates.is_empty(), "{:?}", shut_in.decision);
+    let revision = map.revision();
+    assert!(map.forget_obstructions() && map.revision() > revision && !map.forget_obstructions());
+    assert!(!plan(&map).candidates.is_empty());
+}
+
+#[test]
 fn a_way_that_was_driven_stays_open_whatever_is_seen_beside_it() {
     // A gap too narrow for the footprint, through which it has come all the same.
     let mut map = walled(|x| x != 20);

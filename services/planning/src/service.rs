@@ -4,7 +4,9 @@ use std::time::{Duration, Instant};
 
 use mirador_core::geometry::{Pose, pose_from_rows, rows_from_pose};
 use mirador_core::information_map::{Condenser, Correction};
-use mirador_core::view_planning::{PlanningConfig, Situation, Strategy, StrategyRegistry, Workspace};
+use mirador_core::view_planning::{
+    Decision, PlanningConfig, Situation, StopReason, Strategy, StrategyRegistry, ViewPlan, Workspace,
+};
 use mirador_ipc_schema::messages::{
     ALIGNMENT_REJECTED, AlignmentMeta, CandidateView, Header, MAP_CAUSE_CORRECTION, MAP_CAUSE_RESTART, MAP_CAUSE_SCAN,
     PathMeta, ReplanRequest, ViewPlanMeta, Waypoint, WorkSpan,
@@ -329,20 +331,22 @@ impl<'a> Planning<'a> {
         map_time: Duration,
     ) -> Result<(), ServiceError> {
         let begin = Instant::now();
-        let map = &self.kept.map;
         let situation = Situation {
             map_from_robot: robot_pose(&basis.map_from_scanner, basis.ground_height_m),
             scan_number: u64::from(header.scan()),
             run_seed: self.config.seed,
             threads: self.setup.threads,
         };
-        let settings = other.as_ref().unwrap_or(&self.config.view);
-        let plan = if settings.strategy == self.config.view.strategy {
-            self.strategy.plan(&mut self.workspace, map, &situation, settings)
-        } else {
-            let mut strategy = strategy_that_was_there(&settings.strategy, &self.progress, self.config.seed)?;
-            strategy.plan(&mut self.workspace, map, &situation, settings)
-        };
+        let mut plan = self.choose(&situation, other.as_ref())?;
+        let is_shut_in = plan.decision == Decision::Stop { reason: StopReason::NothingReachable };
+        if is_shut_in && other.is_none() && self.kept.map.forget_obstructions() {
+            tracing::warn!(
+                scan = header.scan(),
+                "no way is left between the places that held the robot; they are tried again"
+            );
+            plan = self.choose(&situation, None)?;
+        }
+        let map = &self.kept.map;
         let known = ViewPlanMeta {
             header,
             scan_sent_ns: basis.scan_sent_ns,
@@ -358,6 +362,17 @@ impl<'a> Planning<'a> {
         self.progress.last_plan = self.outbox.send_plan(known, &plan)?;
         self.progress.last_path = self.outbox.send_path(header, &plan, &self.kept.map)?;
         Ok(())
+    }
+
+    /// The plan by the settings of the run, or by others.
+    fn choose(&mut self, situation: &Situation, other: Option<&PlanningConfig>) -> Result<ViewPlan, ServiceError> {
+        let (map, own) = (&self.kept.map, &self.config.view);
+        let settings = other.unwrap_or(own);
+        if settings.strategy == own.strategy {
+            return Ok(self.strategy.plan(&mut self.workspace, map, situation, settings));
+        }
+        let mut strategy = strategy_that_was_there(&settings.strategy, &self.progress, self.config.seed)?;
+        Ok(strategy.plan(&mut self.workspace, map, situation, settings))
     }
 
     /// Sends the tiles that changed since the last time.
