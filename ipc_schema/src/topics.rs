@@ -241,9 +241,10 @@ topics! {
     /// Battery.
     Battery = "battery" from "simulator": Envelope [Battery; Fixed(1)],
         pub 2 sub 4 buffer 4 borrowed 2 history 1 loaned 2 DROP;
-    /// Where the robot is now.
+    /// Where the robot is now. Simulated time runs at some hundred times the robot's, so a recorder that is busy for a moment
+    /// finds many; those it missed would be missing in the track.
     RobotPoses = "robot_pose" from "localization": Envelope [RobotPose; Fixed(1)],
-        pub 1 sub 6 buffer 16 borrowed 2 history 1 loaned 1 DROP;
+        pub 1 sub 6 buffer 256 borrowed 2 history 1 loaned 1 DROP;
     /// Estimated pose of the scanner in a scan: the prior of its alignment.
     Pose = "pose" from "acquisition": Envelope [PoseEstimate; Fixed(1)],
         pub 2 sub 8 buffer 16 borrowed 2 history 1 loaned 1 DROP;
@@ -252,13 +253,13 @@ topics! {
         pub 5 sub 4 buffer 8 borrowed 2 history 0 loaned 1 DROP;
     /// What navigation does.
     NavigationStatus = "navigation_status" from "navigation": Envelope [NavigationStatus; Fixed(1)],
-        pub 1 sub 6 buffer 8 borrowed 2 history 1 loaned 1 DROP;
+        pub 1 sub 6 buffer 256 borrowed 2 history 1 loaned 1 DROP;
     /// Where something held the robot.
     Obstructions = "obstructions" from "navigation": Envelope [Obstruction; Fixed(1)],
         pub 1 sub 4 buffer 32 borrowed 2 history 32 loaned 1 WAIT;
     /// State of the robot as a whole.
     RobotState = "robot_state" from "simulator": Envelope [RobotState; Fixed(1)],
-        pub 1 sub 6 buffer 64 borrowed 2 history 1 loaned 1 DROP;
+        pub 1 sub 6 buffer 256 borrowed 2 history 1 loaned 1 DROP;
     /// Health, progress and lockstep acknowledgements of every service.
     ServiceHealth = "service_health" from "": Envelope [ServiceHealth; Fixed(1)],
         pub 16 sub 8 buffer 16 borrowed 2 history 1 loaned 1 LAST;

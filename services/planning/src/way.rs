@@ -47,7 +47,7 @@ mod tests {
     #[test]
     fn what_the_robot_was_off_at_the_end_came_about_on_the_way() {
         let way = [[0.0, 0.0], [3.0, 0.0], [3.0, 1.0]];
-        assert_eq!(corrected(&way, [0.8, -0.4]), [[0.0, 0.0], [3.6, -0.3], [3.8, 0.6]]);
+        assert_eq!(corrected(&way, [1.0, -0.5]), [[0.0, 0.0], [3.75, -0.375], [4.0, 0.5]]);
         assert!(corrected(&[], [1.0, 1.0]).is_empty());
         assert_eq!(corrected(&[[2.0, 2.0]], [1.0, 0.0]), [[3.0, 2.0]]);
     }
