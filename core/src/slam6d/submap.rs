@@ -49,9 +49,7 @@ impl SequentialAligner {
             (record.hypotheses, record.iterations) = (refined.hypotheses, refined.iterations);
         }
     }
-}
 
-impl SequentialAligner {
     /// How far a pose lies from where the prior has it, in standard deviations of the prior; 0 for a prior that does not say.
     fn strain(&self, record: &AlignmentRecord) -> f64 {
         let covariance = self.prior.and_then(|prior| prior.covariance);

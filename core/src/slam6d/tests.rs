@@ -51,7 +51,7 @@ fn a_walk_without_priors_is_followed_by_constant_motion() {
 }
 
 #[test]
-fn a_pose_far_from_a_sure_prior_is_believed_where_the_scans_share_much_and_refused_where_they_share_little() {
+fn a_pose_far_from_a_sure_prior_is_believed_where_the_scans_share_much_and_else_only_as_the_last_resort() {
     let walk = walk(2);
     let scans = yard_scans(&walk);
     let off = |metres: f64| walk[1] * Pose::translation(metres, 0.0, 0.0);
