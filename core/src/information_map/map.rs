@@ -25,6 +25,7 @@ pub struct InformationMap {
     /// In order of creation; `slots` gives the fixed order of iteration.
     pub(super) tiles: Vec<Tile>,
     pub(super) slots: BTreeMap<TileIndex, usize>,
+    known: usize,
     pub(super) zones: ZoneList,
     obstructions: Vec<Obstruction>,
     driven: Vec<[[f64; 2]; 2]>,
@@ -44,6 +45,7 @@ impl InformationMap {
             revision: 0,
             tiles: Vec::new(),
             slots: BTreeMap::new(),
+            known: 0,
             zones: ZoneList::default(),
             obstructions: Vec::new(),
             driven: Vec::new(),
@@ -139,6 +141,7 @@ impl InformationMap {
         Projection {
             tiles: &mut self.tiles,
             slots: &mut self.slots,
+            known: &mut self.known,
             sorter: &mut self.sorter,
             revision: self.revision,
             threads: self.threads,
@@ -216,6 +219,12 @@ impl InformationMap {
     /// The known cells with their places, in a fixed order.
     pub fn known_cells(&self) -> impl Iterator<Item = (CellIndex, Cell<'_>)> + '_ {
         self.tiles().flat_map(Tile::known_cells)
+    }
+
+    /// How many cells are known; counted while scans are added and moved.
+    #[must_use]
+    pub fn known_count(&self) -> usize {
+        self.known
     }
 
     /// Memory the map takes [bytes].

@@ -53,6 +53,7 @@ fn points_of_ground_make_a_cell_navigable_and_a_wall_blocks_it() {
     let points = [Point::new(0.1, 0.1, 0.0), Point::new(-0.1, 0.1, 0.0), Point::new(3.1, 0.1, 0.5)];
     let summary = map.insert(ScanView::unordered(&points), &[ground(), ground(), wall()], &Pose::identity()).unwrap();
     assert_eq!((summary.points, map.known_cells().count(), map.tiles().count()), (3, 3, 2));
+    assert_eq!(map.known_count(), 3);
     let state = |x, y| map.state(map.cell_containing(x, y).unwrap());
     assert!(matches!(state(0.1, 0.1), CellState::Known(c) if c > 0.9));
     assert!(matches!(state(-0.1, 0.1), CellState::Known(c) if c > 0.9));
@@ -343,6 +344,7 @@ proptest! {
         }
         let now: Vec<Pose> = poses.iter().map(|(_, pose)| *pose).collect();
         prop_assert!(map == built(&summaries, &now, (0..scans.len()).rev()));
+        prop_assert_eq!(map.known_count(), map.known_cells().count());
         // And back to where they were.
         for (k, summary) in summaries.iter().enumerate() {
             map.move_scan(summary, &now[k], &created[k]).unwrap();

@@ -10,6 +10,7 @@ use crate::geometry::Pose;
 use crate::threads::for_each;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 
 /// Shift from units to slabs of half a metre.
 const SLAB_SHIFT: u32 = 8;
@@ -66,6 +67,8 @@ impl Clone for Sorter {
 pub(super) struct Projection<'a> {
     pub tiles: &'a mut Vec<Tile>,
     pub slots: &'a mut BTreeMap<TileIndex, usize>,
+    /// Known cells of all tiles.
+    pub known: &'a mut usize,
     pub sorter: &'a mut Sorter,
     pub revision: u64,
     pub threads: usize,
@@ -168,13 +171,19 @@ impl Projection<'_> {
             Some((tile, &order[share.begin as usize..share.end as usize]))
         });
         let threads = if puts.len() < WORTH_A_THREAD { 1 } else { self.threads };
+        let (gained, lost) = (AtomicUsize::new(0), AtomicUsize::new(0));
         for_each(parts, threads, |(tile, order)| {
+            lost.fetch_add(tile.known_count(), Relaxed);
             for &k in order {
                 let put = &puts[k as usize];
                 let evidence = tile.evidence_mut(usize::from(put.within), put.height >> SLAB_SHIFT);
                 evidence.change(change, &put.item, put.quarters, put.height, put.item.normal);
             }
+            // While the tile is at hand.
+            tile.count_known();
+            gained.fetch_add(tile.known_count(), Relaxed);
         });
+        *self.known = *self.known + gained.into_inner() - lost.into_inner();
     }
 }
 

@@ -28,6 +28,8 @@ pub(super) struct Record {
 pub struct Tile {
     pub(super) index: TileIndex,
     pub(super) revision: u64,
+    /// Known cells, as counted after the last change.
+    known: u16,
     /// The lowest record of every cell.
     first: [u32; TILE_CELLS],
     records: Vec<Record>,
@@ -35,7 +37,7 @@ pub struct Tile {
 
 impl Tile {
     pub(super) fn new(index: TileIndex) -> Self {
-        Self { index, revision: 0, first: [END; TILE_CELLS], records: Vec::new() }
+        Self { index, revision: 0, known: 0, first: [END; TILE_CELLS], records: Vec::new() }
     }
 
     /// Where the tile is.
@@ -59,6 +61,17 @@ impl Tile {
     #[must_use]
     pub fn bytes(&self) -> usize {
         size_of::<Self>() + self.records.capacity() * size_of::<Record>()
+    }
+
+    /// The number of known cells.
+    #[must_use]
+    pub fn known_count(&self) -> usize {
+        usize::from(self.known)
+    }
+
+    /// Counts the known cells, after a change.
+    pub(super) fn count_known(&mut self) {
+        self.known = (0..TILE_CELLS).filter(|within| !self.cell(*within).is_unknown()).count() as u16;
     }
 
     /// The known cells with their places, in a fixed order (rows of constant y, x running fastest).

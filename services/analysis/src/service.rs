@@ -54,14 +54,18 @@ struct Current {
     scan: Received<topics::Scan>,
     began_ns: u64,
     surface_time: Duration,
+    triangles_kept: u32,
+    triangles_discarded: u32,
 }
 
 impl Analysis {
     fn open(setup: &ServiceSetup, config: &AnalysisConfig, participant: &Participant) -> Result<Self, ServiceError> {
-        let threads = setup.threads;
+        // The surface is worked out beside the alignment, which is what the scores wait for: it leaves that its cores. The
+        // scores have them for themselves.
+        let beside = setup.threads.div_ceil(2);
         let config = AnalysisConfig {
-            surface: SurfaceConfig { threads, ..config.surface.clone() },
-            scores: ScoreConfig { threads, ..config.scores.clone() },
+            surface: SurfaceConfig { threads: beside, ..config.surface.clone() },
+            scores: ScoreConfig { threads: setup.threads, ..config.scores.clone() },
             zones: config.zones.clone(),
         };
         Ok(Self {
@@ -138,11 +142,13 @@ impl Analysis {
         // Zones are found in the scanner's frame: they need no pose either.
         let zones = &mut self.found_zones;
         self.finder.find(surface, points, &self.config.zones, zones).map_err(|e| work(e.to_string()))?;
+        // Counted while the pose is awaited.
+        let (triangles_kept, triangles_discarded) = (surface.kept_count() as u32, surface.discarded().len() as u32);
         let surface_time = begin.elapsed();
         self.health.worked(WorkSpan::until_now("surface", number, scan.header().sent_ns, self.pause, began_ns));
         // From now on the thread was busy, not asleep.
         self.pause = Pause::default();
-        self.current = Some(Current { scan, began_ns, surface_time });
+        self.current = Some(Current { scan, began_ns, surface_time, triangles_kept, triangles_discarded });
         Ok(())
     }
 
@@ -174,8 +180,8 @@ impl Analysis {
             alignment_sent_ns: alignment.header.sent_ns,
             surface_ns: nanoseconds(current.surface_time),
             analysis_ns: nanoseconds(begin.elapsed()),
-            triangles_kept: surface.kept_count() as u32,
-            triangles_discarded: surface.discarded().len() as u32,
+            triangles_kept: current.triangles_kept,
+            triangles_discarded: current.triangles_discarded,
             alignment_status: alignment.status,
             scanner_position: map_from_scanner.translation.vector.into(),
             zones: self.found_zones.len() as u32,

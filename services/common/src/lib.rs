@@ -1,13 +1,15 @@
 //! What the services share: messages seen as the types of `mirador-core`, messages in the order of the scans, checkpoints,
-//! and the errors of a service loop.
+//! the courtesy of those who only watch, and the errors of a service loop.
 
 pub mod checkpoint;
+mod courtesy;
 mod error;
 mod in_order;
 mod place;
 pub mod view;
 
 pub use checkpoint::CheckpointError;
+pub use courtesy::Courtesy;
 pub use error::ServiceError;
 pub use in_order::InOrder;
 pub use place::{log_keyframes, log_place};

@@ -6,7 +6,7 @@ use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::topics::Topic;
 use mirador_ipc_schema::{Participant, PortError, Subscriber, Wakeable, clock, for_each_topic};
 use mirador_recorder::{RUN_FILE, RunReader};
-use mirador_service_common::ServiceError;
+use mirador_service_common::{Courtesy, ServiceError};
 use mirador_viewers::{TOPICS, View, ViewConfig};
 
 use crate::GatewayConfig;
@@ -37,11 +37,15 @@ pub fn run(setup: &ServiceSetup, config: &GatewayConfig) -> Result<(), ServiceEr
     // Before it listens: a reader that reads an old recording meanwhile would hold up the graph.
     let mut gateway = Gateway::open(setup, config)?;
     let taps = open_taps(&participant)?;
-    let ports: Vec<&dyn Wakeable> = taps.iter().map(|tap| tap.port()).collect();
+    let worth_waking = taps.iter().filter(|tap| Courtesy::wakes(tap.topic()));
+    let ports: Vec<&dyn Wakeable> = worth_waking.map(|tap| tap.port()).collect();
+    let mut courtesy = Courtesy::default();
     health.running(&participant);
     while !setup.stop.is_set() {
         participant.wait(&ports, HEARTBEAT);
-        for tap in &taps {
+        let ready = taps.iter().filter(|tap| tap.port().is_ready()).map(|tap| tap.topic());
+        let makes_way = !courtesy.is_over(ready);
+        for tap in taps.iter().filter(|tap| !makes_way || !Courtesy::holds(tap.topic())) {
             tap.drain(&mut gateway)?;
         }
         gateway.serve(&mut health);
@@ -134,11 +138,16 @@ fn restore(view: &mut View, setup: &ServiceSetup) {
 
 /// A topic being listened to.
 trait Tap {
+    fn topic(&self) -> &'static str;
     fn port(&self) -> &dyn Wakeable;
     fn drain(&self, gateway: &mut Gateway) -> Result<(), ServiceError>;
 }
 
 impl<T: Topic> Tap for Subscriber<T> {
+    fn topic(&self) -> &'static str {
+        T::RULES.name
+    }
+
     fn port(&self) -> &dyn Wakeable {
         self
     }

@@ -1,4 +1,4 @@
-//! The map in two figures, kept tile by tile, so that they cost what has changed and not what is known.
+//! The map in two figures; the mean is kept tile by tile, so that it costs what has changed and not what is known.
 
 use std::collections::HashMap;
 
@@ -13,41 +13,30 @@ pub(crate) struct Figures {
     pub mean_quality: f64,
 }
 
-/// One tile's share, with the tile's revision it holds for.
-#[derive(Debug, Clone, Copy, Default)]
-struct Share<T> {
-    revision: Option<u64>,
-    value: T,
-}
-
-impl<T: Copy> Share<T> {
-    fn of(&mut self, tile: &Tile, count: impl Fn(&Tile) -> T) -> T {
-        if self.revision != Some(tile.revision()) {
-            *self = Self { revision: Some(tile.revision()), value: count(tile) };
-        }
-        self.value
-    }
-}
-
-/// What every tile of one map brings to its figures.
+/// What every tile of one map brings to its mean quality.
 #[derive(Debug, Default)]
 pub(crate) struct FigureBook {
-    tiles: HashMap<TileIndex, (Share<u32>, Share<f64>)>,
+    /// Sums over the known cells, with the tile's revision they hold for.
+    qualities: HashMap<TileIndex, (u64, f64)>,
 }
 
 impl FigureBook {
-    /// Known cells of the map.
-    pub fn cells_known(&mut self, map: &InformationMap) -> u32 {
-        let known = |tile: &Tile| tile.known_cells().count() as u32;
-        map.tiles().map(|tile| self.tiles.entry(tile.index()).or_default().0.of(tile, known)).sum()
+    /// The figures of the map; sums in the order of its tiles, so that they do not depend on what was kept.
+    pub fn figures(&mut self, map: &InformationMap) -> Figures {
+        let sum: f64 = map.tiles().map(|tile| self.quality(tile)).sum();
+        let cells = map.known_count();
+        Figures { cells_known: cells as u32, mean_quality: if cells == 0 { 0.0 } else { sum / cells as f64 } }
     }
 
-    /// All figures of the map; sums in the order of its tiles, so that they do not depend on what was kept.
-    pub fn figures(&mut self, map: &InformationMap) -> Figures {
-        let cells_known = self.cells_known(map);
-        let quality = |tile: &Tile| tile.known_cells().filter_map(|(_, cell)| cell.quality()).sum::<f64>();
-        let sum: f64 = map.tiles().map(|tile| self.tiles.entry(tile.index()).or_default().1.of(tile, quality)).sum();
-        Figures { cells_known, mean_quality: if cells_known == 0 { 0.0 } else { sum / f64::from(cells_known) } }
+    fn quality(&mut self, tile: &Tile) -> f64 {
+        match self.qualities.get(&tile.index()) {
+            Some((revision, sum)) if *revision == tile.revision() => *sum,
+            _ => {
+                let sum = tile.known_cells().filter_map(|(_, cell)| cell.quality()).sum();
+                self.qualities.insert(tile.index(), (tile.revision(), sum));
+                sum
+            }
+        }
     }
 }
 

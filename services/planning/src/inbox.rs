@@ -39,9 +39,10 @@ impl Inbox {
         })
     }
 
-    pub fn awaited(&self) -> Vec<&dyn Wakeable> {
-        let ports = [self.scans.awaited(0), self.alignments.awaited(0), self.scores.awaited(0), self.zones.awaited(0)];
-        ports.into_iter().flatten().collect()
+    /// What is waited for: the scores, which are sent when everything else about a scan is. To wake for each of the others
+    /// would take a core from those who still work on the scan.
+    pub fn awaited(&self) -> Option<&dyn Wakeable> {
+        self.scores.awaited(0)
     }
 
     /// Whether the next scan with everything that belongs to it is there.

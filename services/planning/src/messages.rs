@@ -76,8 +76,19 @@ fn stop_reason(reason: StopReason) -> (&'static str, &'static str) {
     }
 }
 
+/// The candidates of a plan and the places that were rejected, as far as there is room.
+pub(crate) fn write_candidates(plan: &ViewPlan, out: &mut [CandidateView]) {
+    let (candidates, rejected) = out.split_at_mut(plan.candidates.len().min(out.len()));
+    for (item, value) in candidates.iter_mut().zip(&plan.candidates) {
+        *item = candidate(value);
+    }
+    for (item, place) in rejected.iter_mut().zip(&plan.rejected) {
+        *item = self::rejected(place);
+    }
+}
+
 /// A candidate that was valued.
-pub(crate) fn candidate(candidate: &Candidate) -> CandidateView {
+fn candidate(candidate: &Candidate) -> CandidateView {
     CandidateView {
         position: candidate.position,
         heading: candidate.heading,
@@ -93,7 +104,7 @@ pub(crate) fn candidate(candidate: &Candidate) -> CandidateView {
 }
 
 /// A place that was considered and rejected.
-pub(crate) fn rejected(rejected: &Rejected) -> CandidateView {
+fn rejected(rejected: &Rejected) -> CandidateView {
     let (status, reason) = match rejected.reason {
         RejectionReason::OutsideArea => (1, "outside the work area"),
         RejectionReason::NearObstacle => (2, "an obstacle or a step is within the footprint"),

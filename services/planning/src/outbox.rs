@@ -65,21 +65,15 @@ impl Outbox {
     /// # Errors
     /// See [`ServiceError`].
     pub fn send_plan(&self, meta: ViewPlanMeta, plan: &ViewPlan) -> Result<Vec<u8>, ServiceError> {
-        let capacity = self.plans.capacity();
-        let open = plan.candidates.len().min(capacity);
-        let count = (open + plan.rejected.len()).min(capacity);
+        let count = (plan.candidates.len() + plan.rejected.len()).min(self.plans.capacity());
         let mut loan = self.plans.loan(count)?;
         *loan.meta_mut() = meta;
-        let (candidates, rejected) = loan.items_mut().split_at_mut(open);
-        for (item, candidate) in candidates.iter_mut().zip(&plan.candidates) {
-            *item = messages::candidate(candidate);
-        }
-        for (item, place) in rejected.iter_mut().zip(&plan.rejected) {
-            *item = messages::rejected(place);
-        }
-        let bytes = messages::to_bytes(&meta, loan.items_mut());
+        messages::write_candidates(plan, loan.items_mut());
         loan.send()?;
-        Ok(bytes)
+        // Written once more for the checkpoint, when the plan is out: nobody waits for that.
+        let mut items = vec![CandidateView::default(); count];
+        messages::write_candidates(plan, &mut items);
+        Ok(messages::to_bytes(&meta, &items))
     }
 
     /// Sends the way to the chosen view, and returns it as bytes.

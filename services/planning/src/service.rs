@@ -121,9 +121,8 @@ impl<'a> Planning<'a> {
     }
 
     fn wait(&mut self, participant: &Participant) -> Pause {
-        let mut ports = self.inbox.awaited();
-        ports.extend(self.corrections.awaited() as [&dyn Wakeable; 2]);
-        ports.push(&self.requests);
+        let [corrections, loops] = self.corrections.awaited() as [&dyn Wakeable; 2];
+        let ports: Vec<_> = self.inbox.awaited().into_iter().chain([corrections, loops, &self.requests]).collect();
         let timeout = if self.kept.poses.due() > 0 { Duration::ZERO } else { HEARTBEAT };
         participant.wait(&ports, timeout)
     }
@@ -353,7 +352,7 @@ impl<'a> Planning<'a> {
             map_ns: nanoseconds(map_time),
             planning_ns: nanoseconds(begin.elapsed()),
             map_from_scanner: rows_from_pose(&basis.map_from_scanner),
-            cells_known: self.figures.cells_known(map),
+            cells_known: map.known_count() as u32,
             zones: map.zones().len() as u32,
             map_tiles: map.tile_count() as u32,
             map_bytes: map.bytes() as u64,

@@ -9,8 +9,9 @@ use mirador_ipc_schema::messages::{
 use mirador_ipc_schema::service::{HEARTBEAT, HealthReporter, ServiceSetup};
 use mirador_ipc_schema::topics::{self, Topic};
 use mirador_ipc_schema::{
-    JoinError, Participant, Pause, PortError, ReceiveFailure, Subscriber, Wakeable, clock, for_each_topic,
+    JoinError, Participant, Pause, PortError, ReceiveFailure, Subscriber, Wakeable, clock, for_each_topic, text,
 };
+use mirador_service_common::Courtesy;
 use mirador_viewers::View;
 
 use crate::ledger::Ledger;
@@ -80,6 +81,9 @@ fn record(
     // Readers first: what is sent while an old recording is being recovered waits in their buffers.
     let taps = open_taps(participant, config)?;
     let ports: Vec<&dyn Wakeable> = taps.iter().map(|tap| tap.port()).collect();
+    let worth_waking = taps.iter().filter(|tap| Courtesy::wakes(tap.topic()));
+    let ports_beside_a_plan: Vec<&dyn Wakeable> = worth_waking.map(|tap| tap.port()).collect();
+    let mut courtesy = Courtesy::default();
     let mut recorder = Recorder::open(setup, config, &mut || health.heartbeat(participant))?;
     health.running(participant);
     let requests = participant.publisher::<topics::ScanRequests>()?;
@@ -87,13 +91,16 @@ fn record(
     let mut stopped: Option<Instant> = None;
     let mut pause = Pause::default();
     loop {
+        let is_planned = recorder.is_planned();
         if stopped.is_none() {
-            pause = participant.wait(&ports, HEARTBEAT);
+            pause = participant.wait(if is_planned { &ports_beside_a_plan } else { &ports }, HEARTBEAT);
         }
+        let ready = taps.iter().filter(|tap| tap.port().is_ready()).map(|tap| tap.topic());
+        let makes_way = is_planned && !courtesy.is_over(ready) && stopped.is_none();
         let (began, began_ns) = (Instant::now(), clock::monotonic_ns());
         let scan = recorder.ledger.finished();
         let mut received = 0;
-        for tap in &taps {
+        for tap in taps.iter().filter(|tap| !makes_way || !Courtesy::holds(tap.topic())) {
             received += tap.drain(&mut recorder)?;
         }
         if recorder.heard.elapsed() > QUIET {
@@ -168,6 +175,8 @@ struct Recorder {
     view: Option<View>,
     /// State and count of finished scans of every service, as recorded last.
     services: BTreeMap<[u8; 32], (u32, u32)>,
+    /// Plans are recorded.
+    plans: bool,
     /// Something was written that a scan waits for.
     urgent: bool,
     /// When something of the run was said last.
@@ -184,7 +193,8 @@ impl Recorder {
         } else {
             RunWriter::create(&path, config)?
         };
-        Ok(Self { writer, ledger, view, services: BTreeMap::new(), urgent: false, heard: Instant::now() })
+        let plans = config.records(topics::ViewPlan::RULES.name);
+        Ok(Self { writer, ledger, view, services: BTreeMap::new(), plans, urgent: false, heard: Instant::now() })
     }
 
     /// Writes a message down, unless it is a repetition or says nothing new.
@@ -212,6 +222,11 @@ impl Recorder {
         let Ok(health) = bytemuck::try_pod_read_unaligned::<ServiceHealth>(items) else { return true };
         let now = (health.state, health.finished_scans);
         self.services.insert(health.service, now) != Some(now)
+    }
+
+    /// Whether the graph has a service that plans, and plans are recorded.
+    fn is_planned(&self) -> bool {
+        self.plans && self.services.contains_key(&text::pack("planning"))
     }
 
     /// Draws what waits for a plan that does not come.
@@ -248,12 +263,17 @@ fn was_cut_off(path: &std::path::Path) -> bool {
 
 /// A topic being listened to.
 trait Tap {
+    fn topic(&self) -> &'static str;
     fn port(&self) -> &dyn Wakeable;
     /// Records every message that is there; returns how many there were.
     fn drain(&self, recorder: &mut Recorder) -> Result<usize, RecorderError>;
 }
 
 impl<T: Topic> Tap for Subscriber<T> {
+    fn topic(&self) -> &'static str {
+        T::RULES.name
+    }
+
     fn port(&self) -> &dyn Wakeable {
         self
     }

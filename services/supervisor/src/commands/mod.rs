@@ -63,7 +63,8 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         }
         Some(Command::Doctor { fix }) => doctor::doctor(common, fix),
         Some(Command::Experiment(args)) => experiment::experiment(common, &args),
-        Some(Command::ExecChild { parent, command }) => {
+        Some(Command::ExecChild { parent, nice, command }) => {
+            supervise::be_nice(nice);
             supervise::exec_child(parent, &command)?;
             Ok(EXIT_DONE)
         }

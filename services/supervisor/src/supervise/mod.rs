@@ -6,6 +6,6 @@ mod process;
 mod registration;
 mod run;
 
-pub use process::{die_with_parent, exec_child, pin_to};
+pub use process::{be_nice, die_with_parent, exec_child, pin_to};
 pub use registration::RegistrationTally;
 pub use run::{Ended, RunOutcome, RunPlan, Seat, check_slots, run};
