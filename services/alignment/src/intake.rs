@@ -1,12 +1,13 @@
-//! Takes scans in while others are worked on: the next scan is prepared, which needs neither its prior nor the poses of
-//! those before, while the last is aligned, sent, or older ones are corrected.
+//! Takes scans in, and prepares them, which needs neither their prior nor the poses of those before.
 //!
-//! One thread owns the port. It holds one scan, made ready, until that is taken; with the one that is worked on these are
-//! the two that a reader of `scan` may hold. Preparing is a pure function of the scan, so it does not matter when it is
-//! done.
+//! Whoever has the [`Desk`] does: the service's own thread while it waits for a scan, so that no other thread has to be woken
+//! between the scan and its pose; a second thread while the service is at work on the last scan or on older ones. The second
+//! thread holds one scan, made ready, until that is taken; with the one that is worked on these are the two that a reader of
+//! `scan` may hold. Preparing is a pure function of the scan, so it does not matter who does it when.
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -25,33 +26,74 @@ pub(crate) struct Ready {
     pub began_ns: u64,
     /// How long the preparation took.
     pub prepare_time: Duration,
-    /// The preparation as work of the thread that takes scans in.
+    /// The preparation as a piece of work.
     pub span: WorkSpan,
 }
 
 /// What the two threads share.
 struct Shared {
-    slot: Mutex<Slot>,
-    /// The slot is empty again, or nobody takes anything any more.
-    taken: Condvar,
-    /// Something is in the slot.
-    bell: Bell,
+    /// The desk is wanted back.
+    recall: Bell,
     /// A scan has come that was not taken yet, be it ready or not.
     has_arrived: AtomicBool,
     /// Scans below this are done and only acknowledged.
     done: AtomicU32,
-    is_closed: AtomicBool,
 }
 
-enum Slot {
-    Empty,
-    Ready(Box<Ready>),
-    Failed(ServiceError),
-}
-
-/// The receiving end of `scan`, with a thread of its own.
-pub(crate) struct Intake {
+/// The receiving end of `scan` with the method that prepares.
+struct Desk {
+    scans: Subscriber<topics::Scan>,
+    registration: Option<Box<dyn Registration>>,
     shared: Arc<Shared>,
+}
+
+/// The number that stands for a thread in its pieces of work.
+#[derive(Clone, Copy)]
+enum By {
+    Service = 0,
+    SecondThread = 1,
+}
+
+impl Desk {
+    /// Takes the next scan, if there is one, and makes it ready; `pause` is how long the thread has slept for it.
+    fn take_in(&self, by: By, pause: &mut Pause) -> Result<Option<Ready>, ServiceError> {
+        let Some(scan) = self.scans.receive()? else { return Ok(None) };
+        self.shared.has_arrived.store(true, Ordering::Relaxed);
+        let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
+        let is_new = scan.header().scan() >= self.shared.done.load(Ordering::Relaxed);
+        let method = self.registration.as_deref().filter(|_| is_new);
+        let prepared = method.map(|method| method.prepare(view::scan(scan.meta(), scan.items())));
+        let (number, sent_ns, prepare_time) = (scan.header().scan(), scan.header().sent_ns, begin.elapsed());
+        let slept = std::mem::take(pause);
+        let span = WorkSpan { thread: by as u32, ..WorkSpan::until_now("prepare", number, sent_ns, slept, began_ns) };
+        Ok(Some(Ready { scan, prepared, began_ns, prepare_time, span }))
+    }
+
+    /// As [`Desk::take_in`], by the second thread: waits for a scan until the desk is wanted back.
+    fn wait_and_take_in(&self, waiter: &Waiter) -> Result<Option<Ready>, ServiceError> {
+        let mut pause = Pause::default();
+        while !self.shared.recall.is_ready() && !waiter.stop().is_set() {
+            if let Some(ready) = self.take_in(By::SecondThread, &mut pause)? {
+                return Ok(Some(ready));
+            }
+            pause = waiter.wait(&[&self.scans, &self.shared.recall], HEARTBEAT);
+        }
+        Ok(None)
+    }
+}
+
+/// What the second thread gives back.
+type Returned = (Desk, Result<Option<Ready>, ServiceError>);
+
+/// The receiving end of `scan`, with a second thread for when the service is at work.
+pub(crate) struct Intake {
+    /// Here unless the second thread has it.
+    desk: Option<Desk>,
+    /// What the second thread has taken in.
+    ready: Option<Ready>,
+    shared: Arc<Shared>,
+    lend: Option<Sender<Desk>>,
+    back: Receiver<Returned>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -68,38 +110,66 @@ impl Intake {
     ) -> Result<Self, ServiceError> {
         let fail = |e: std::io::Error| ServiceError::Work(format!("scans cannot be taken in: {e}"));
         let shared = Arc::new(Shared {
-            slot: Mutex::new(Slot::Empty),
-            taken: Condvar::new(),
-            bell: Bell::new().map_err(fail)?,
+            recall: Bell::new().map_err(fail)?,
             has_arrived: AtomicBool::new(false),
             done: AtomicU32::new(done),
-            is_closed: AtomicBool::new(false),
         });
-        let own = Arc::clone(&shared);
+        let ((lend, lent), (give_back, back)) = (channel::<Desk>(), channel());
         let work = move || {
-            let _end = End(&own);
-            own.take_in(&scans, &waiter, registration.as_deref());
+            while let Ok(desk) = lent.recv() {
+                let taken = desk.wait_and_take_in(&waiter);
+                if give_back.send((desk, taken)).is_err() {
+                    break;
+                }
+            }
         };
         let thread = std::thread::Builder::new().name("intake".into()).spawn(work).map_err(fail)?;
-        Ok(Self { shared, thread: Some(thread) })
+        let desk = Desk { scans, registration, shared: Arc::clone(&shared) };
+        Ok(Self { desk: Some(desk), ready: None, shared, lend: Some(lend), back, thread: Some(thread) })
     }
 
-    /// The next scan, if one is ready.
+    /// The next scan made ready, if one has come; by the caller, unless the second thread has done so. `pause` is how long the
+    /// caller has slept for it.
     ///
     /// # Errors
-    /// What the thread could not go on for.
-    pub fn take(&self) -> Result<Option<Ready>, ServiceError> {
-        let mut slot = self.shared.lock();
-        match std::mem::replace(&mut *slot, Slot::Empty) {
-            Slot::Empty => Ok(None),
-            Slot::Failed(error) => Err(error),
-            Slot::Ready(ready) => {
-                self.shared.bell.silence();
-                self.shared.has_arrived.store(false, Ordering::Relaxed);
-                self.shared.taken.notify_one();
-                Ok(Some(*ready))
-            }
+    /// When the scan cannot be received, or the second thread has ended by a fault of the program.
+    pub fn take(&mut self, pause: &mut Pause) -> Result<Option<Ready>, ServiceError> {
+        self.take_back()?;
+        let taken = match (self.ready.take(), &self.desk) {
+            (None, Some(desk)) => desk.take_in(By::Service, pause)?,
+            (ready, _) => ready,
+        };
+        self.shared.has_arrived.store(false, Ordering::Relaxed);
+        Ok(taken)
+    }
+
+    /// Leaves it to the second thread to take the next scan in: the caller is about to work.
+    pub fn lend(&mut self) {
+        if self.ready.is_some() {
+            return;
         }
+        if let (Some(desk), Some(lend)) = (self.desk.take(), &self.lend)
+            && let Err(unsent) = lend.send(desk)
+        {
+            self.desk = Some(unsent.0);
+        }
+    }
+
+    /// Takes it upon the caller's thread again.
+    ///
+    /// # Errors
+    /// As [`Intake::take`].
+    pub fn take_back(&mut self) -> Result<(), ServiceError> {
+        if self.desk.is_some() {
+            return Ok(());
+        }
+        self.shared.recall.ring();
+        let ended = |_| ServiceError::Work("the thread that takes scans in has ended".into());
+        let (desk, taken) = self.back.recv().map_err(ended)?;
+        self.shared.recall.silence();
+        self.desk = Some(desk);
+        self.ready = taken?;
+        Ok(())
     }
 
     /// Whether a scan has come that was not taken yet, be it ready or not.
@@ -107,9 +177,9 @@ impl Intake {
         self.shared.has_arrived.load(Ordering::Relaxed)
     }
 
-    /// What wakes when a scan is ready.
-    pub fn bell(&self) -> &dyn Wakeable {
-        &self.shared.bell
+    /// What wakes when a scan comes; nothing while one is ready, or the second thread waits for it.
+    pub fn awaited(&self) -> Option<&dyn Wakeable> {
+        self.desk.as_ref().filter(|_| self.ready.is_none()).map(|desk| &desk.scans as &dyn Wakeable)
     }
 
     /// Scans below this are done.
@@ -120,69 +190,11 @@ impl Intake {
 
 impl Drop for Intake {
     fn drop(&mut self) {
-        self.shared.is_closed.store(true, Ordering::Relaxed);
-        drop(self.shared.lock());
-        self.shared.taken.notify_one();
+        self.lend = None;
+        self.shared.recall.ring();
         if let Some(thread) = self.thread.take() {
-            // It says in the slot what it could not go on for.
+            // A panic of it has been told of by the standard hook.
             let _ = thread.join();
-        }
-    }
-}
-
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Slot> {
-        self.slot.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn take_in(&self, scans: &Subscriber<topics::Scan>, waiter: &Waiter, registration: Option<&dyn Registration>) {
-        let mut pause = Pause::default();
-        while !self.is_closed() && !waiter.stop().is_set() {
-            match scans.receive() {
-                Ok(None) => pause = waiter.wait(&[scans], HEARTBEAT),
-                Ok(Some(scan)) => self.make_ready(scan, registration, std::mem::take(&mut pause)),
-                Err(error) => {
-                    self.hand_over(Slot::Failed(error.into()));
-                    return;
-                }
-            }
-        }
-    }
-
-    fn make_ready(&self, scan: Received<topics::Scan>, registration: Option<&dyn Registration>, pause: Pause) {
-        self.has_arrived.store(true, Ordering::Relaxed);
-        let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
-        let is_new = scan.header().scan() >= self.done.load(Ordering::Relaxed);
-        let prepared =
-            registration.filter(|_| is_new).map(|method| method.prepare(view::scan(scan.meta(), scan.items())));
-        let (number, sent_ns, prepare_time) = (scan.header().scan(), scan.header().sent_ns, begin.elapsed());
-        let span = WorkSpan { thread: 1, ..WorkSpan::until_now("prepare", number, sent_ns, pause, began_ns) };
-        self.hand_over(Slot::Ready(Box::new(Ready { scan, prepared, began_ns, prepare_time, span })));
-    }
-
-    /// Puts something into the slot and waits until it is taken: until then no further scan may be held.
-    fn hand_over(&self, content: Slot) {
-        let mut slot = self.lock();
-        *slot = content;
-        self.bell.ring();
-        while !matches!(*slot, Slot::Empty) && !self.is_closed() {
-            slot = self.taken.wait(slot).unwrap_or_else(PoisonError::into_inner);
-        }
-    }
-
-    fn is_closed(&self) -> bool {
-        self.is_closed.load(Ordering::Relaxed)
-    }
-}
-
-/// Says that the thread has ended when it ends by a fault of the program.
-struct End<'a>(&'a Shared);
-
-impl Drop for End<'_> {
-    fn drop(&mut self) {
-        if std::thread::panicking() {
-            *self.0.lock() = Slot::Failed(ServiceError::Work("the thread that prepares scans has ended".into()));
-            self.0.bell.ring();
         }
     }
 }

@@ -36,13 +36,14 @@ pub fn run(setup: &ServiceSetup, config: &AlignmentConfig, registry: &Registry) 
         alignment.health.finished(&participant, alignment.finished_scans, Duration::ZERO);
     }
     while !setup.stop.is_set() {
+        alignment.intake.take_back()?;
         alignment.pause = alignment.wait(&participant);
-        alignment.receive_priors()?;
-        while let Some(ready) = alignment.intake.take()? {
+        while let Some(ready) = alignment.intake.take(&mut alignment.pause)? {
             // The prior was sent before the scan, so it is there.
             alignment.receive_priors()?;
             alignment.align(&participant, ready)?;
         }
+        alignment.receive_priors()?;
         alignment.receive_plans()?;
         alignment.correct(&participant)?;
         alignment.outbox.serve_late_joiners();
@@ -188,11 +189,9 @@ impl<'a> Alignment<'a> {
     }
 
     fn wait(&self, participant: &Participant) -> Pause {
-        if self.is_correction_ready() {
-            return self.pause;
-        }
+        let Some(scans) = self.intake.awaited().filter(|_| !self.is_correction_ready()) else { return self.pause };
         let timeout = if self.waiting.is_empty() { HEARTBEAT } else { self.patience_left().min(HEARTBEAT) };
-        participant.wait(&[self.intake.bell(), &self.plans], timeout)
+        participant.wait(&[scans, &self.plans], timeout)
     }
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {
@@ -231,6 +230,7 @@ impl<'a> Alignment<'a> {
             tracing::warn!(scan = number, "the announced prior did not come; going on without");
         }
         self.health.worked(span);
+        self.intake.lend();
         let (begin, align_ns) = (Instant::now(), clock::monotonic_ns());
         if let Some(external) = &self.external {
             let target_id = self.aligner.target_id().unwrap_or(u64::MAX);
@@ -287,6 +287,7 @@ impl<'a> Alignment<'a> {
         if !self.is_correction_ready() {
             return Ok(());
         }
+        self.intake.lend();
         let (begin, began_ns) = (Instant::now(), clock::monotonic_ns());
         let (intake, stop) = (&self.intake, &self.setup.stop);
         let is_wanted = || intake.has_arrived() || stop.is_set();

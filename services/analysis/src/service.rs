@@ -12,6 +12,10 @@ use mirador_service_common::{InOrder, ServiceError, log_place, nanoseconds, view
 
 use crate::AnalysisConfig;
 
+/// Alignment is woken by the same message, perhaps on the same core, and what the scores wait for is its pose: it begins
+/// first. The surface has more than ten milliseconds until then.
+const HEAD_START: Duration = Duration::from_micros(200);
+
 /// Scores every scan of the run until the process is stopped.
 ///
 /// # Errors
@@ -134,6 +138,7 @@ impl Analysis {
             return Ok(());
         }
         log_place(number, || scan.location());
+        std::thread::sleep(HEAD_START);
         let begin = Instant::now();
         let began_ns = clock::monotonic_ns();
         let work = |reason: String| ServiceError::Work(format!("scan {number}: {reason}"));
