@@ -41,12 +41,14 @@ impl PointScore {
 
     /// Whether the point has a return and a normal.
     #[must_use]
+    #[inline]
     pub fn is_valid(&self) -> bool {
         self.flags & Self::VALID != 0
     }
 
     /// Whether the robot could reach the point.
     #[must_use]
+    #[inline]
     pub fn is_reachable(&self) -> bool {
         self.flags & Self::REACHABLE != 0
     }
@@ -82,6 +84,7 @@ impl PointScore {
 
     /// The unit normal in the scanner's frame, within 0.01 (the error is largest where z is near zero).
     #[must_use]
+    #[inline]
     pub fn normal(&self) -> Vector3<f32> {
         let x = f32::from(self.normal_xy[0]) / 32767.0;
         let y = f32::from(self.normal_xy[1]) / 32767.0;

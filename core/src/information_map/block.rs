@@ -1,11 +1,11 @@
 //! Returns of one block of the scan, taken together by place and kind.
 
-use super::condense::{Frame, NOWHERE};
+use super::condense::Frame;
 use super::config::MapConfig;
 use super::item::{CELL_SHIFT, Item, LARGEST_COUNT, NAVIGABLE, OBSTACLE, Place};
 use super::normal_statistics::store;
+use super::places::SomePlaces;
 use crate::analysis::PointScore;
-use crate::scan::Point;
 use nalgebra::Vector3;
 
 /// Slots of the table; twice the points of a block, so that a free one is always near.
@@ -36,7 +36,7 @@ impl Thresholds {
     }
 
     /// What stored scores say.
-    #[inline]
+    #[inline(always)]
     pub fn kind(&self, navigable: u16, obstacle: u16) -> u8 {
         let is = |holds: bool, kind: u8| if holds { kind } else { 0 };
         is(navigable > self.navigable, NAVIGABLE) | is(obstacle > self.obstacle, OBSTACLE)
@@ -44,14 +44,14 @@ impl Thresholds {
 }
 
 /// F and B of a point as stored; a point out of the robot's reach has none.
-#[inline]
+#[inline(always)]
 pub(super) fn reachable_scores(score: &PointScore) -> (u16, u16) {
     let reach = u16::from(score.is_reachable());
     (score.navigable * reach, score.obstacle * reach)
 }
 
 /// Mean of scores as stored in a byte.
-#[inline]
+#[inline(always)]
 pub(super) fn byte(sum: u32, count: u32) -> u8 {
     ((sum + count * 128) / (count * 257)) as u8
 }
@@ -96,51 +96,20 @@ pub(super) struct Block {
     /// From 1 to `used`; those above are empty.
     groups: [Group; LARGEST_BLOCK + 1],
     used: u16,
-    /// Points of the band that counted, had no score, or were too far away.
-    pub counted: usize,
-    pub without_score: usize,
-    pub outside: usize,
 }
 
 impl Default for Block {
     fn default() -> Self {
-        Self {
-            slots: [FREE; SLOTS],
-            groups: [Group::EMPTY; LARGEST_BLOCK + 1],
-            used: 0,
-            counted: 0,
-            without_score: 0,
-            outside: 0,
-        }
+        Self { slots: [FREE; SLOTS], groups: [Group::EMPTY; LARGEST_BLOCK + 1], used: 0 }
     }
 }
 
 impl Block {
-    pub fn begin_band(&mut self) {
-        (self.counted, self.without_score, self.outside) = (0, 0, 0);
-    }
-
-    /// Takes a row of the block, and says where its points are. A block has at most 256 points.
-    #[inline]
-    pub fn take_row(&mut self, points: &[Point], scores: &[PointScore], places: &mut [Place], frame: &Frame) {
-        let n = points.len();
-        let (scores, places) = (&scores[..n], &mut places[..n]);
-        for i in 0..n {
-            let (point, score) = (&points[i], &scores[i]);
-            places[i] = NOWHERE;
-            if !point.is_return() {
-                continue;
-            }
-            if !score.is_valid() {
-                self.without_score += 1;
-                continue;
-            }
-            let Some(place) = frame.place(point) else {
-                self.outside += 1;
-                continue;
-            };
-            places[i] = place;
-            self.counted += 1;
+    /// Takes some points of the block that have these places. A block has at most 256 points.
+    #[inline(always)]
+    pub fn take(&mut self, scores: &[PointScore], places: SomePlaces<'_>, frame: &Frame) {
+        for (k, score) in scores.iter().enumerate() {
+            let Some(place) = places.get(k) else { continue };
             let (navigable, obstacle) = reachable_scores(score);
             let kind = frame.thresholds.kind(navigable, obstacle);
             let (across, up) = if kind == 0 { COARSE } else { FINE };
@@ -150,13 +119,15 @@ impl Block {
             // The same for all of a group: writing it again is cheaper than a branch that cannot be predicted.
             (group.key, group.kind) = (key, kind);
             group.corner = Place { x: corner.x << across, y: corner.y << across, z: corner.z << up };
-            group.count += 1;
-            group.place[0] += (place.x - group.corner.x) as u32;
-            group.place[1] += (place.y - group.corner.y) as u32;
-            group.place[2] += (place.z - group.corner.z) as u32;
-            group.navigable += u32::from(navigable);
-            group.obstacle += u32::from(obstacle);
-            group.quality += u32::from(score.quality);
+            // A block has too few points for any of the sums to overflow.
+            let add = |sum: &mut u32, value: u32| *sum = sum.wrapping_add(value);
+            add(&mut group.count, 1);
+            add(&mut group.place[0], place.x.wrapping_sub(group.corner.x) as u32);
+            add(&mut group.place[1], place.y.wrapping_sub(group.corner.y) as u32);
+            add(&mut group.place[2], place.z.wrapping_sub(group.corner.z) as u32);
+            add(&mut group.navigable, u32::from(navigable));
+            add(&mut group.obstacle, u32::from(obstacle));
+            add(&mut group.quality, u32::from(score.quality));
             let normal = score.normal();
             group.normal.x += normal.x;
             group.normal.y += normal.y;
@@ -167,7 +138,7 @@ impl Block {
     /// The group of a key; an empty one for a key that is new.
     ///
     /// About every other return begins a group, so whether one does is not a branch.
-    #[inline]
+    #[inline(always)]
     fn group(&mut self, key: u64) -> &mut Group {
         let mut slot = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 55) as usize;
         let mut found = self.slots[slot];
@@ -186,6 +157,7 @@ impl Block {
     }
 
     /// Ends the block: its groups become items, in the order in which they were met.
+    #[inline(always)]
     pub fn finish(&mut self, frame: &Frame, items: &mut Vec<Item>) {
         if self.used == 0 {
             return;
@@ -209,12 +181,12 @@ impl Block {
             *group = Group::EMPTY;
         }
         self.used = 0;
-        self.slots.fill(FREE);
+        self.slots = [FREE; SLOTS];
     }
 }
 
 /// One number for place and kind.
-#[inline]
+#[inline(always)]
 fn key(corner: Place, kind: u8) -> u64 {
     let bits = |v: i32| u64::from(v as u32) & 0xf_ffff;
     bits(corner.x) << 44 | bits(corner.y) << 24 | bits(corner.z) << 4 | u64::from(kind)

@@ -5,31 +5,20 @@
 //! grid are mostly neighbours in the map, and a block's table stays in the first cache. Each block is done by one
 //! thread, and blocks are put together in their order: the number of threads does not change a bit.
 
-use super::block::{Block, Thresholds};
+use super::band::{BAND_POINTS, BAND_ROWS, Band};
+use super::block::Thresholds;
 use super::config::MapConfig;
 use super::index::{CellIndex, LARGEST_COORDINATE, floor};
-use super::item::{CELL_UNITS, HEIGHT_LIMIT, HEIGHT_UNITS_PER_METRE, Item, PLACE_LIMIT, Place};
-use super::patches::{PatchTally, Patches};
+use super::item::{CELL_UNITS, HEIGHT_UNITS_PER_METRE, Item, PLACE_LIMIT};
 use super::scan_evidence::ScanEvidence;
 use crate::analysis::PointScore;
 use crate::geometry::Pose;
-use crate::scan::{Grid, Point, ScanView};
+use crate::scan::{Grid, ScanView};
+use crate::simd::widest;
 use crate::threads;
 use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use thiserror::Error;
-
-/// Rows of the grid done together.
-const BAND_ROWS: usize = 16;
-/// Columns of a block.
-const BLOCK_COLS: usize = 16;
-/// Points of a block without a grid.
-const BLOCK_POINTS: usize = BAND_ROWS * BLOCK_COLS;
-/// Blocks of a band without a grid.
-const BAND_BLOCKS: usize = 32;
-
-/// Marks a point without a place.
-pub(super) const NOWHERE: Place = Place { x: i32::MIN, y: i32::MIN, z: i32::MIN };
 
 /// Why a scan cannot be put into the map; the map is then unchanged.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -97,18 +86,8 @@ pub struct CondenseSummary {
 /// Condenses one scan after the other. Its buffers grow to the largest scan and are then reused.
 #[derive(Debug, Default)]
 pub struct Condenser {
-    places: Vec<Place>,
     bands: Vec<Band>,
     evidence: Option<ScanEvidence>,
-}
-
-/// Some rows of the scan.
-#[derive(Debug, Default)]
-struct Band {
-    block: Block,
-    items: Vec<Item>,
-    patches: Vec<Item>,
-    tally: PatchTally,
 }
 
 impl Condenser {
@@ -139,25 +118,22 @@ impl Condenser {
         check(scan, scores)?;
         check_pose(map_from_scanner, config)?;
         let frame = Frame::new(map_from_scanner, config);
-        let band = scan.grid.map_or(BLOCK_POINTS * BAND_BLOCKS, |grid| BAND_ROWS * grid.cols).max(1);
-        let bands = scan.points.len().div_ceil(band);
-        self.places.resize(scan.points.len(), NOWHERE);
+        let bands = match scan.grid {
+            Some(grid) => grid.rows.div_ceil(BAND_ROWS),
+            None => scan.points.len().div_ceil(BAND_POINTS),
+        };
         if self.bands.len() < bands {
             self.bands.resize_with(bands, Band::default);
         }
-        let cols = scan.grid.map(|grid| grid.cols);
-        let inputs = scan.points.chunks(band).zip(scores.chunks(band)).zip(self.places.chunks_mut(band));
-        threads::for_each(inputs.zip(&mut self.bands), threads, |(((points, scores), places), band)| {
-            band.take_points(points, scores, places, cols, &frame);
+        threads::for_each(self.bands[..bands].iter_mut().enumerate(), threads, |(k, band)| {
+            widest(
+                #[inline(always)]
+                || match scan.grid {
+                    Some(grid) => band.take_rows(scan.points, scores, grid, k * BAND_ROWS, &frame),
+                    None => band.take_points(scan.points, scores, k * BAND_POINTS, &frame),
+                },
+            );
         });
-        if let Some(grid) = scan.grid {
-            let patches = Patches { places: &self.places, scores, grid, frame: &frame };
-            threads::for_each(self.bands[..bands].iter_mut().enumerate(), threads, |(k, band)| {
-                let rows = k * BAND_ROWS..((k + 1) * BAND_ROWS).min(grid.rows);
-                band.patches.clear();
-                band.tally = patches.of_rows(rows, &mut band.patches);
-            });
-        }
         let is_ordered = scan.grid.is_some();
         let evidence = self.evidence.get_or_insert_with(ScanEvidence::empty);
         frame.describe(map_from_scanner, config, evidence);
@@ -178,9 +154,9 @@ fn put_together(bands: &[Band], is_ordered: bool, items: &mut Vec<Item>) -> Cond
     items.clear();
     for band in bands {
         items.extend_from_slice(&band.items);
-        summary.points += band.block.counted;
-        summary.points_without_score += band.block.without_score;
-        summary.points_outside += band.block.outside;
+        summary.points += band.found.counted;
+        summary.points_without_score += band.found.without_score;
+        summary.points_outside += band.found.outside;
     }
     for band in bands.iter().filter(|_| is_ordered) {
         items.extend_from_slice(&band.patches);
@@ -188,36 +164,6 @@ fn put_together(bands: &[Band], is_ordered: bool, items: &mut Vec<Item>) -> Cond
         summary.triangles_clipped += band.tally.clipped;
     }
     summary
-}
-
-impl Band {
-    fn take_points(
-        &mut self,
-        points: &[Point],
-        scores: &[PointScore],
-        places: &mut [Place],
-        cols: Option<usize>,
-        frame: &Frame,
-    ) {
-        self.items.clear();
-        self.block.begin_band();
-        let Some(cols) = cols else {
-            let blocks = points.chunks(BLOCK_POINTS).zip(scores.chunks(BLOCK_POINTS));
-            for ((points, scores), places) in blocks.zip(places.chunks_mut(BLOCK_POINTS)) {
-                self.block.take_row(points, scores, places, frame);
-                self.block.finish(frame, &mut self.items);
-            }
-            return;
-        };
-        for first in (0..cols).step_by(BLOCK_COLS) {
-            let last = (first + BLOCK_COLS).min(cols);
-            let rows = points.chunks(cols).zip(scores.chunks(cols)).zip(places.chunks_mut(cols));
-            for ((points, scores), places) in rows {
-                self.block.take_row(&points[first..last], &scores[first..last], &mut places[first..last], frame);
-            }
-            self.block.finish(frame, &mut self.items);
-        }
-    }
 }
 
 fn check(scan: ScanView<'_>, scores: &[PointScore]) -> Result<(), InsertError> {
@@ -260,7 +206,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    fn new(map_from_scanner: &Pose, config: &MapConfig) -> Self {
+    pub fn new(map_from_scanner: &Pose, config: &MapConfig) -> Self {
         let per_metre = f64::from(CELL_UNITS) / config.cell_m;
         let scale = Vector3::new(per_metre, per_metre, HEIGHT_UNITS_PER_METRE);
         let rotation = map_from_scanner.rotation.to_rotation_matrix().into_inner();
@@ -287,22 +233,30 @@ impl Frame {
         evidence.map_from_scanner = *map_from_scanner;
     }
 
-    /// Where a point is; `None` too far away.
-    #[inline]
-    pub fn place(&self, point: &Point) -> Option<Place> {
-        // Written out, as nalgebra's product is not inlined here and this is done for every point.
+    /// One axis of a point's place: what its coordinates are multiplied by, and what is added. Heights are rounded, places
+    /// across are in the unit that contains them.
+    #[inline(always)]
+    pub fn row(&self, axis: usize) -> ([f64; 3], f64) {
         let (m, t) = (&self.linear, &self.offset);
-        let (x, y, z) = (f64::from(point.x), f64::from(point.y), f64::from(point.z));
-        let qx = m.m11 * x + m.m12 * y + m.m13 * z + t.x;
-        let qy = m.m21 * x + m.m22 * y + m.m23 * z + t.y;
-        let qz = m.m31 * x + m.m32 * y + m.m33 * z + t.z + 0.5;
-        let (across, up) = (f64::from(PLACE_LIMIT), f64::from(HEIGHT_LIMIT));
-        let is_near = qx.abs() < across && qy.abs() < across && qz.abs() < up;
-        is_near.then(|| Place { x: floor(qx), y: floor(qy), z: floor(qz) })
+        match axis {
+            0 => ([m.m11, m.m12, m.m13], t.x),
+            1 => ([m.m21, m.m22, m.m23], t.y),
+            _ => ([m.m31, m.m32, m.m33], t.z + 0.5),
+        }
+    }
+
+    /// A point in units, not rounded.
+    #[cfg(test)]
+    pub fn exact(&self, point: &crate::scan::Point) -> [f64; 3] {
+        let at = [f64::from(point.x), f64::from(point.y), f64::from(point.z)];
+        [0, 1, 2].map(|axis| {
+            let (factors, offset) = self.row(axis);
+            factors.iter().zip(&at).map(|(f, x)| f * x).sum::<f64>() + offset
+        })
     }
 
     /// A vector of the scanner's frame in the map's.
-    #[inline]
+    #[inline(always)]
     pub fn turn(&self, v: &Vector3<f32>) -> Vector3<f32> {
         let m = &self.rotation;
         Vector3::new(

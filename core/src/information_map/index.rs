@@ -52,7 +52,7 @@ impl CellIndex {
 
 /// The largest integer not above `value`, for values that fit; several times faster than `f64::floor`, which is a
 /// function call on machines without SSE 4.1.
-#[inline]
+#[inline(always)]
 pub(super) fn floor(value: f64) -> i32 {
     let towards_zero = value as i32;
     towards_zero - i32::from(f64::from(towards_zero) > value)

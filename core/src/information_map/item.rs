@@ -51,7 +51,7 @@ pub(super) struct Place {
 
 impl Item {
     /// `place` must lie within the limits, `count` must be 1 to 256.
-    #[inline]
+    #[inline(always)]
     pub fn new(place: Place, kind: u8, count: u32) -> Self {
         let up = |v: i32, limit: i32| (i64::from(v) + i64::from(limit)) as u64;
         let place = up(place.x, PLACE_LIMIT)
@@ -62,24 +62,24 @@ impl Item {
     }
 
     /// The same elsewhere.
-    #[inline]
+    #[inline(always)]
     pub fn at(&self, place: Place) -> Self {
         Self { place: Self::new(place, self.kind(), 1).place, ..*self }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn place(&self) -> Place {
         let down = |shift: u32, bits: u32| ((self.place >> shift) & ((1 << bits) - 1)) as i32;
         Place { x: down(0, 19) - PLACE_LIMIT, y: down(19, 19) - PLACE_LIMIT, z: down(38, 23) - HEIGHT_LIMIT }
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn kind(&self) -> u8 {
         (self.place >> 61) as u8
     }
 
     /// Number of returns.
-    #[inline]
+    #[inline(always)]
     pub fn count(&self) -> u32 {
         u32::from(self.count_less_one) + 1
     }

@@ -9,6 +9,7 @@
 //! that a bridge and the road under it are two levels of the same cells ([`Cell::levels`]); [`LevelChoice`] says which
 //! one a robot would be on.
 
+mod band;
 mod block;
 mod cell;
 mod condense;
@@ -24,6 +25,7 @@ mod navigability;
 mod normal_statistics;
 mod obstructions;
 mod patches;
+mod places;
 mod projection;
 mod rasterise;
 mod scan_evidence;

@@ -9,7 +9,7 @@ const COMPONENT_SCALE: f32 = 127.0;
 pub(super) type StoredNormal = [i8; 3];
 
 /// A unit normal as stored.
-#[inline]
+#[inline(always)]
 pub(super) fn store(normal: &Vector3<f32>) -> StoredNormal {
     // A float to integer cast saturates and sends NaN to 0.
     let stored = |c: f32| (c.clamp(-1.0, 1.0) * COMPONENT_SCALE + 0.5f32.copysign(c)) as i8;

@@ -1,15 +1,14 @@
 //! Kept triangles over the cells between their corners.
 
 use super::block::{byte, reachable_scores};
-use super::condense::{Frame, NOWHERE};
+use super::condense::Frame;
 use super::index::{CellIndex, floor};
 use super::item::{CELL_SHIFT, CELL_UNITS, INTERPOLATED, Item, OBSTACLE, Place};
 use super::normal_statistics::store;
+use super::places::SomePlaces;
 use super::rasterise::{Outline, cells_under_longest_side};
 use crate::analysis::PointScore;
-use crate::scan::Grid;
 use nalgebra::Vector3;
-use std::ops::Range;
 
 const ANY_KEPT: u16 = PointScore::KEPT_WITHOUT * 0b1111;
 
@@ -23,66 +22,118 @@ pub(super) struct PatchTally {
     pub clipped: usize,
 }
 
-/// A scan whose points have their places.
+/// Quads looked at together.
+const WIDE: usize = 32;
+
+/// Some rows of a scan whose points have their places.
 pub(super) struct Patches<'a> {
-    pub places: &'a [Place],
+    /// Of the rows, and of the one below the last.
+    pub places: SomePlaces<'a>,
+    /// Of the rows.
     pub scores: &'a [PointScore],
-    pub grid: Grid,
+    /// Of the row below the last.
+    pub below: &'a [PointScore],
+    pub cols: usize,
     pub frame: &'a Frame,
 }
 
+/// A corner of a quad, if it has a place.
+type Corner<'a> = (Option<Place>, &'a PointScore);
+
 impl Patches<'_> {
     /// One item for every cell whose middle lies under a long triangle of the quads of these rows.
-    pub fn of_rows(&self, grid_rows: Range<usize>, out: &mut Vec<Item>) -> PatchTally {
-        let Grid { rows, cols } = self.grid;
+    #[inline(always)]
+    pub fn rasterise(&self, out: &mut Vec<Item>) -> PatchTally {
+        let cols = self.cols;
         let mut tally = PatchTally::default();
-        for row in grid_rows {
-            // The quads of the last row and column lie across the seam; they keep triangles only where it is closed.
-            let below = if row + 1 < rows { row + 1 } else { 0 };
-            let (upper, lower) = (&self.places[row * cols..][..cols], &self.places[below * cols..][..cols]);
-            for (col, score) in self.scores[row * cols..][..cols].iter().enumerate() {
-                if score.flags & ANY_KEPT == 0 {
+        for (row, upper) in self.scores.chunks_exact(cols).enumerate() {
+            let (begin, next) = (row * cols, (row + 1) * cols);
+            let lower = self.scores.get(next..next + cols).unwrap_or(self.below);
+            for first in (0..cols).step_by(WIDE) {
+                let large = self.large_quads(begin, first);
+                if large == [0; WIDE] {
                     continue;
                 }
-                let right = if col + 1 < cols { col + 1 } else { 0 };
-                // Most quads lie within one cell, which has its own points.
-                let (a, b, c, d) = (&upper[col], &upper[right], &lower[col], &lower[right]);
-                if is_one_cell(a, b, c, d) || is_short(a, b, c, d) {
-                    continue;
-                }
-                let quad = [row * cols + col, row * cols + right, below * cols + col, below * cols + right];
-                // One turn a kept triangle: which of the four they are cannot be predicted, that they are two can.
-                let mut kept = (score.flags & ANY_KEPT) / PointScore::KEPT_WITHOUT;
-                while kept != 0 {
-                    let [i, j, k] = CORNERS_WITHOUT[kept.trailing_zeros() as usize];
-                    self.triangle([quad[i], quad[j], quad[k]], &mut tally, out);
-                    kept &= kept - 1;
+                for (col, large) in (first..cols).zip(large) {
+                    // One turn a kept triangle: which of the four they are cannot be predicted, that they are two can.
+                    let mut kept = (upper[col].flags & ANY_KEPT) / PointScore::KEPT_WITHOUT;
+                    if large == 0 || kept == 0 {
+                        continue;
+                    }
+                    let right = if col + 1 < cols { col + 1 } else { 0 };
+                    let place = |index: usize| self.places.get(index);
+                    let quad: [Corner<'_>; 4] = [
+                        (place(begin + col), &upper[col]),
+                        (place(begin + right), &upper[right]),
+                        (place(next + col), &lower[col]),
+                        (place(next + right), &lower[right]),
+                    ];
+                    while kept != 0 {
+                        let [i, j, k] = CORNERS_WITHOUT[kept.trailing_zeros() as usize];
+                        self.triangle([quad[i], quad[j], quad[k]], &mut tally, out);
+                        kept &= kept - 1;
+                    }
                 }
             }
         }
         tally
     }
 
-    fn triangle(&self, corners: [usize; 3], tally: &mut PatchTally, out: &mut Vec<Item>) {
-        // Written out: `array::map` is not inlined here and costs as much as the rest.
-        let [a, b, c] = corners;
-        let (p, q, r) = (&self.places[a], &self.places[b], &self.places[c]);
-        if *p == NOWHERE || *q == NOWHERE || *r == NOWHERE || !is_long(p, q, r) {
+    /// Which of some quads of a row may have a long triangle: most lie within one cell, which has its own points, or are
+    /// short. A quad with a corner nowhere may have one.
+    #[inline(always)]
+    fn large_quads(&self, begin: usize, first: usize) -> [u32; WIDE] {
+        let cols = self.cols;
+        let row = |axis: &[i32], begin: usize| {
+            let axis = &axis[begin..begin + cols];
+            let mut some = [0i32; WIDE + 1];
+            match axis[first..].first_chunk() {
+                Some(whole) => some = *whole,
+                None => {
+                    // The last quad's right corners are the first of the row.
+                    let rest = &axis[first..];
+                    some[..rest.len()].copy_from_slice(rest);
+                    some[rest.len()] = axis[0];
+                }
+            }
+            some
+        };
+        let next = begin + cols;
+        let (upper_x, upper_y) = (row(self.places.x, begin), row(self.places.y, begin));
+        let (lower_x, lower_y) = (row(self.places.x, next), row(self.places.y, next));
+        let mut large = [0; WIDE];
+        for k in 0..WIDE {
+            let x = [upper_x[k], upper_x[k + 1], lower_x[k], lower_x[k + 1]];
+            let y = [upper_y[k], upper_y[k + 1], lower_y[k], lower_y[k + 1]];
+            // Equal in all bits above those within a cell.
+            let differ = (x[1] ^ x[0]) | (x[2] ^ x[0]) | (x[3] ^ x[0]) | (y[1] ^ y[0]) | (y[2] ^ y[0]) | (y[3] ^ y[0]);
+            let is_one_cell = differ as u32 >> CELL_SHIFT == 0;
+            let (x, y) = (extent(x), extent(y));
+            // Compared first: the squares of larger ones may not fit.
+            let is_small = (x | y) < CELL_UNITS as u32;
+            let square = x.wrapping_mul(x).wrapping_add(y.wrapping_mul(y));
+            let is_short = is_small & (square.wrapping_mul(100) <= LONG);
+            large[k] = u32::from(!is_one_cell & !is_short);
+        }
+        large
+    }
+
+    #[inline(always)]
+    fn triangle(&self, corners: [Corner<'_>; 3], tally: &mut PatchTally, out: &mut Vec<Item>) {
+        let [(Some(p), a), (Some(q), b), (Some(r), c)] = corners else { return };
+        if !is_long(&p, &q, &r) || (a.flags | b.flags | c.flags) & PointScore::REACHABLE == 0 {
             return;
         }
-        let scores = [&self.scores[a], &self.scores[b], &self.scores[c]];
-        if (scores[0].flags | scores[1].flags | scores[2].flags) & PointScore::REACHABLE == 0 {
-            return;
-        }
+        let scores = [a, b, c];
         tally.triangles += 1;
         let clipped = if self.is_obstacle(scores) {
-            self.steep([p, q, r], scores, out)
+            self.steep([&p, &q, &r], scores, out)
         } else {
             // Most triangles near the scanner are small and cover no cell's centre: nothing is prepared for those.
             let mut prepared: Option<(Plane, Item)> = None;
             Outline::of([(p.x, p.y), (q.x, q.y), (r.x, r.y)]).cells_inside(self.frame.max_cells, |cell| {
                 let (plane, item) = prepared.get_or_insert_with(|| {
-                    (Plane::through(&[position(p), position(q), position(r)]), self.mean_item(scores))
+                    (Plane::through(&[position(&p), position(&q), position(&r)]), self.mean_item(scores))
                 });
                 out.push(over(cell, plane.height_at(cell), item));
             })
@@ -101,6 +152,7 @@ impl Patches<'_> {
         cells_under_longest_side(&plan, &own, self.frame.max_cells, |cell| out.push(over(cell, height, &item)))
     }
 
+    #[inline(always)]
     fn is_obstacle(&self, scores: [&PointScore; 3]) -> bool {
         let obstacle = |score: &PointScore| u32::from(reachable_scores(score).1);
         let sum = obstacle(scores[0]) + obstacle(scores[1]) + obstacle(scores[2]);
@@ -108,6 +160,7 @@ impl Patches<'_> {
     }
 
     /// The mean scores and normal of a triangle's corners; a corner out of the robot's reach has F = B = 0.
+    #[inline(always)]
     fn mean_item(&self, scores: [&PointScore; 3]) -> Item {
         let (mut navigable, mut obstacle, mut quality) = (0, 0, 0);
         let mut normal = Vector3::new(0.0, 0.0, 0.0);
@@ -133,7 +186,7 @@ impl Patches<'_> {
 }
 
 /// The item over the middle of a cell, at a height.
-#[inline]
+#[inline(always)]
 fn over(cell: CellIndex, height: f64, item: &Item) -> Item {
     let middle = |v: i32| (v << CELL_SHIFT) + CELL_UNITS / 2;
     item.at(Place { x: middle(cell.x), y: middle(cell.y), z: floor(height + 0.5) })
@@ -145,39 +198,28 @@ fn cell_of(place: &Place) -> CellIndex {
 }
 
 /// The position in cells, the height in its own units.
-#[inline]
+#[inline(always)]
 fn position(place: &Place) -> Vector3<f64> {
     let cells = |v: i32| (f64::from(v) + 0.5) / f64::from(CELL_UNITS);
     Vector3::new(cells(place.x), cells(place.y), f64::from(place.z))
 }
 
-#[inline]
-fn is_one_cell(a: &Place, b: &Place, c: &Place, d: &Place) -> bool {
-    // Equal in all bits above those within a cell.
-    let other = |p: &Place| ((p.x ^ a.x) | (p.y ^ a.y)) as u32;
-    (other(b) | other(c) | other(d)) >> CELL_SHIFT == 0
-}
-
 /// Whether a triangle is longer than nine tenths of a cell. The corners of shorter ones lie in every cell they cover,
 /// wherever a correction moves them.
-#[inline]
+#[inline(always)]
 fn is_long(p: &Place, q: &Place, r: &Place) -> bool {
-    let extent = |a: i32, b: i32, c: i32| i64::from(a.max(b).max(c)) - i64::from(a.min(b).min(c));
-    is_extent_long(extent(p.x, q.x, r.x), extent(p.y, q.y, r.y))
+    let (x, y) = (u64::from(extent([p.x, q.x, r.x, r.x])), u64::from(extent([p.y, q.y, r.y, r.y])));
+    100 * (x * x + y * y) > u64::from(LONG)
 }
 
-/// Whether no triangle of a quad is long, told at once; a quad with a corner nowhere may have one.
-#[inline]
-fn is_short(a: &Place, b: &Place, c: &Place, d: &Place) -> bool {
-    let extent = |a: i32, b: i32, c: i32, d: i32| i64::from(a.max(b).max(c.max(d))) - i64::from(a.min(b).min(c.min(d)));
-    let (x, y) = (extent(a.x, b.x, c.x, d.x), extent(a.y, b.y, c.y, d.y));
-    // Compared first: the squares of what is nowhere may not fit.
-    (x | y) < i64::from(CELL_UNITS) && !is_extent_long(x, y)
-}
+/// A hundred times the square of nine tenths of a cell's side.
+const LONG: u32 = 81 * (CELL_UNITS * CELL_UNITS) as u32;
 
-#[inline]
-fn is_extent_long(x: i64, y: i64) -> bool {
-    100 * (x * x + y * y) > 81 * i64::from(CELL_UNITS * CELL_UNITS)
+/// From the least to the greatest.
+#[inline(always)]
+fn extent([a, b, c, d]: [i32; 4]) -> u32 {
+    let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
+    high.wrapping_sub(low) as u32
 }
 
 /// The plane through a triangle's corners, to give a height to the cells between them.
@@ -189,6 +231,7 @@ struct Plane {
 }
 
 impl Plane {
+    #[inline(always)]
     fn through(corners: &[Vector3<f64>; 3]) -> Self {
         // Written out, as nalgebra's products are not inlined here.
         let [a, b, c] = corners;
@@ -203,6 +246,7 @@ impl Plane {
     }
 
     /// The height over the cell's centre, never beyond the corners' heights.
+    #[inline(always)]
     fn height_at(&self, cell: CellIndex) -> f64 {
         let (dx, dy) = (f64::from(cell.x) + 0.5 - self.corner.x, f64::from(cell.y) + 0.5 - self.corner.y);
         (self.corner.z + self.slope[0] * dx + self.slope[1] * dy).clamp(self.lowest, self.highest)

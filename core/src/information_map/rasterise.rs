@@ -11,7 +11,7 @@ pub(super) struct Outline {
 }
 
 impl Outline {
-    #[inline]
+    #[inline(always)]
     pub fn of([p, q, r]: [(i32, i32); 3]) -> Self {
         // As one number each, so that they are compared, and exchanged, without branches.
         let number = |(x, y): (i32, i32)| i64::from(x) << 32 | i64::from(y.wrapping_sub(i32::MIN) as u32);
@@ -24,7 +24,7 @@ impl Outline {
 
     /// Calls `visit` for every cell whose centre lies inside, at most `limit` times. Edges are half open, so triangles
     /// that share an edge never share a cell. Returns whether cells were left out.
-    #[inline]
+    #[inline(always)]
     pub fn cells_inside(&self, limit: usize, mut visit: impl FnMut(CellIndex)) -> bool {
         let [a, b, c] = self.corners;
         // A middle of a unit is never the middle of a cell: the last cell whose centre lies before it is exact.
@@ -54,14 +54,14 @@ impl Outline {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn ceil(value: f64) -> i32 {
     -floor(-value)
 }
 
 /// Where the horizontal line at `y`, which passes between the corners, enters and leaves the triangle. Its corners are
 /// in order, so the two triangles of an edge compute the same crossing.
-#[inline]
+#[inline(always)]
 fn crossings(corners: &[[f64; 2]; 3], y: f64) -> (f64, f64) {
     // All three are computed and one dropped: which one cannot be predicted. An edge along the line divides by zero,
     // and is dropped.

@@ -32,6 +32,7 @@ impl Point {
 
     /// Whether the laser got a return here, at a finite position.
     #[must_use]
+    #[inline]
     pub fn is_return(&self) -> bool {
         (self.x + self.y + self.z).is_finite()
     }
