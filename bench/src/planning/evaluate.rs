@@ -105,6 +105,10 @@ fn drive(
     for (k, pose) in drive.truth.iter().enumerate() {
         drive.scan(k, &mut points)?;
         mapper.take_in(ScanView { points: &points, grid: Some(drive.grid()) }, pose)?;
+        // As in the service: where the robot has driven, it can drive.
+        if let Some(before) = k.checked_sub(1).and_then(|k| drive.truth.get(k)) {
+            mapper.map.drove(&[before, pose].map(|at| [at.translation.x, at.translation.y]));
+        }
         let scans = k + 1;
         if scans % 500 == 0 {
             say(&format!("growth: {scans} of {most} scans"));
@@ -125,7 +129,7 @@ fn drive(
             contestant.last = Some(plan);
             if scans == size {
                 let known = known_cells_near(&mapper.map, &situation, &config);
-                rows.extend(row(contestant, &config, size, step, known));
+                rows.extend(row(contestant, &config, size, step, known, mapper.map.bytes()));
                 if contestant.strategy == "multi_criteria" && contestant.threads == 2 {
                     rows.extend(special_rows(options, registry, &mapper, &situation, &config, step, size)?);
                 }
@@ -144,7 +148,14 @@ fn known_cells_near(map: &InformationMap, situation: &Situation, config: &Planni
     map.known_cells().filter(|(index, _)| is_near(map.centre_of(*index))).count()
 }
 
-fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &str, known: usize) -> Option<Row> {
+fn row(
+    contestant: &Contestant,
+    config: &PlanningConfig,
+    scans: usize,
+    step: &str,
+    known: usize,
+    map_bytes: usize,
+) -> Option<Row> {
     let plan = contestant.last.as_ref()?;
     let summary = Summary::of(&contestant.ms)?;
     let p50 = summary.p50;
@@ -165,6 +176,9 @@ fn row(contestant: &Contestant, config: &PlanningConfig, scans: usize, step: &st
             ("known_cells".into(), json!(known)),
             ("ns_per_known_cell".into(), json!((1e6 * p50 / known as f64).round())),
             ("bytes".into(), json!(contestant.workspace.bytes())),
+            ("map_bytes".into(), json!(map_bytes)),
+            ("reachable_cells".into(), json!(plan.reachable_cells)),
+            ("decision".into(), json!(plan.decision)),
         ]),
     })
 }

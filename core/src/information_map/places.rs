@@ -219,7 +219,8 @@ mod tests {
     fn what_is_no_return_or_has_no_score_or_is_too_far_has_no_place() {
         let frame = Frame::new(&Pose::identity(), &MapConfig::default());
         let scored = PointScore { flags: PointScore::VALID, ..PointScore::NONE };
-        let points = [Point::EMPTY, Point::new(1.0, 2.0, 3.0), Point::new(1e6, 0.0, 0.0), Point::new(f32::INFINITY, 0.0, 0.0)];
+        let points =
+            [Point::EMPTY, Point::new(1.0, 2.0, 3.0), Point::new(1e6, 0.0, 0.0), Point::new(f32::INFINITY, 0.0, 0.0)];
         let scores = [scored, PointScore::NONE, scored, scored];
         let mut places = Places::default();
         places.resize(4);

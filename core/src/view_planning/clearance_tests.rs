@@ -105,3 +105,15 @@ fn a_way_that_was_driven_stays_open_whatever_is_seen_beside_it() {
     map.drove(&[[6.15, 2.0], [6.15, 9.0]]);
     assert!(behind(&map) > 0);
 }
+
+#[test]
+fn a_way_that_was_driven_from_far_away_ends_where_the_window_does() {
+    let mut map = walled(|x| x != 20);
+    let config = PlanningConfig { near_m: 10.0, ..PlanningConfig::default() };
+    let reach = config.near_m + config.scanner.range_m;
+    for [dx, dy] in [[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 1.0]] {
+        map.drove(&[[6.15, 2.0], [6.15 + 3.0 * reach * dx, 2.0 + 3.0 * reach * dy]]);
+    }
+    let plan = plan_with(&mut Random::default(), &map, &at(6.15, 2.0), &config);
+    assert!(plan.reachable_cells > 0);
+}

@@ -96,6 +96,13 @@ impl Extent {
         let [low, high] = self.near.map(CellIndex::tile);
         map.tiles_between(low, high).count() < map.tile_count()
     }
+
+    /// Whether a cell can be driven to, if it is ground to drive on: so far from the window's rim that all around it is in the
+    /// window, too.
+    pub fn is_near(&self, cell: CellIndex) -> bool {
+        let [low, high] = self.near;
+        (low.x..=high.x).contains(&cell.x) && (low.y..=high.y).contains(&cell.y)
+    }
 }
 
 impl PlanningGrid {
@@ -124,7 +131,7 @@ impl PlanningGrid {
         self.mark_beside(config);
         self.keep_near(extent);
         self.mark_cramped(config);
-        self.mark_driven(driven);
+        self.mark_driven(driven, extent);
         self.laid_out = Some((*extent, config.clone(), obstructions.to_vec(), driven.len()));
         true
     }

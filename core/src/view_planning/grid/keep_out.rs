@@ -67,14 +67,15 @@ impl PlanningGrid {
         }
     }
 
-    /// Where the robot has been it can be, though a scan says that it should not: ways back stay open.
-    pub(super) fn mark_driven(&mut self, driven: &[[[f64; 2]; 2]]) {
+    /// Where the robot has been it can be, though a scan says that it should not: ways back stay open, as far as can be
+    /// driven to.
+    pub(super) fn mark_driven(&mut self, driven: &[[[f64; 2]; 2]], extent: &Extent) {
         let mut plane = std::mem::take(&mut self.driven);
         plane.reset(self.height, self.width / WORD, 0);
         for piece in driven {
             let [from, to] = piece.map(|end| end.map(|metres| metres / self.cell_m));
             cells_touched_by_segment(from, to, |cell| {
-                if let Some(at) = self.at(cell) {
+                if let Some(at) = self.at(cell).filter(|_| extent.is_near(cell)) {
                     plane.set(at / self.width, at % self.width);
                 }
                 true
