@@ -18,6 +18,7 @@ fn options(name: &str) -> IpcOptions {
         payloads: [SMALL, LARGE].map(|bytes| Payload { bytes, messages: MESSAGES, written_before: 0 }).to_vec(),
         wakes: vec![Wake::Event, Wake::Poll],
         loaded: vec![false],
+        subscribers: vec![1],
         copies: true,
         pace: Duration::from_micros(300),
         warm_up: 30,
@@ -124,4 +125,20 @@ fn the_domain_of_another_graph_is_neither_used_nor_removed() {
     assert!(matches!(error, BenchError::DomainInUse { .. }), "{error}");
     assert!(domain.root().is_dir());
     domain.remove_all().unwrap();
+}
+
+#[test]
+fn several_subscribers_each_have_every_message() {
+    let options = IpcOptions { subscribers: vec![3], ..options("t-many") };
+    let report = run(&options).unwrap();
+    assert_nothing_is_left(&options);
+    for transport in ["mirador", "iceoryx2", "unix_socket", "pipe"] {
+        let of = |name: &str| {
+            let is_wanted = |row: &&mirador_bench::Row| {
+                row.name == name && row.params["transport"] == transport && row.params["wake"] == "event"
+            };
+            report.rows.iter().filter(is_wanted).map(|row| row.summary.n as u64).collect::<Vec<_>>()
+        };
+        assert_eq!((of("hop"), of("hop_last")), (vec![3 * MESSAGES; 2], vec![MESSAGES; 2]), "{transport}");
+    }
 }

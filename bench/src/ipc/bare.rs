@@ -1,4 +1,4 @@
-//! The bare iceoryx2 API with the settings of the topic `scan`: what our handles are compared with.
+//! The bare iceoryx2 API with the settings of the topic that is measured: what our handles are compared with.
 
 use std::time::Duration;
 
@@ -11,10 +11,11 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use mirador_ipc_schema::messages::{Point, ScanMeta};
-use mirador_ipc_schema::topics::{Lag, Scan, Topic};
+use mirador_ipc_schema::topics::{Lag, Topic};
 use mirador_ipc_schema::{Domain, Wake};
 
 use super::BenchError;
+use super::topic::MeasuredScan;
 
 /// Name of the two services, so that they are not those of the topic.
 const SERVICE: &str = "bench_bare_scan";
@@ -49,7 +50,7 @@ impl BareNode {
     }
 
     fn pub_sub(&self) -> Result<PubSub, BenchError> {
-        let rules = Scan::RULES;
+        let rules = MeasuredScan::RULES;
         self.0
             .service_builder(&SERVICE.try_into().map_err(BenchError::iceoryx("name of the service"))?)
             .publish_subscribe::<[Point]>()
@@ -67,7 +68,7 @@ impl BareNode {
     }
 
     fn event(&self) -> Result<Event, BenchError> {
-        let rules = Scan::RULES;
+        let rules = MeasuredScan::RULES;
         self.0
             .service_builder(&SERVICE.try_into().map_err(BenchError::iceoryx("name of the event"))?)
             .event()
@@ -86,7 +87,7 @@ impl BareNode {
             .publisher_builder()
             .initial_max_slice_len(points)
             .allocation_strategy(AllocationStrategy::Static)
-            .max_loaned_samples(Scan::RULES.loaned)
+            .max_loaned_samples(MeasuredScan::RULES.loaned)
             .backpressure_strategy(BackpressureStrategy::DiscardData)
             .set_backpressure_handler(|info| {
                 if info.elapsed_time > BACKPRESSURE_LIMIT {
@@ -117,7 +118,7 @@ impl BareNode {
         let subscriber = self
             .pub_sub()?
             .subscriber_builder()
-            .buffer_size(Scan::RULES.buffer)
+            .buffer_size(MeasuredScan::RULES.buffer)
             .create()
             .map_err(BenchError::iceoryx("create the subscriber"))?;
         Ok((subscriber, listener))

@@ -8,6 +8,7 @@ use mirador_ipc_schema::{Domain, DomainError, StopSignal, Wake};
 use serde::{Deserialize, Serialize};
 
 use super::BenchError;
+use super::topic::MOST_SUBSCRIBERS;
 
 /// Bytes of one item of the payload.
 pub(super) const ITEM_BYTES: usize = size_of::<Point>();
@@ -49,6 +50,8 @@ pub struct IpcOptions {
     pub wakes: Vec<Wake>,
     /// Whether every core has something else to do; each is a case of its own.
     pub loaded: Vec<bool>,
+    /// How many subscribers there are, 1 to 8; each is a case of its own.
+    pub subscribers: Vec<usize>,
     /// Whether the transports that copy are measured too.
     pub copies: bool,
     /// From one message to the next.
@@ -75,9 +78,10 @@ impl Default for IpcOptions {
             ],
             wakes: vec![Wake::Event, Wake::Poll],
             loaded: vec![false],
+            subscribers: vec![1],
             copies: true,
             pace: Duration::from_millis(5),
-            // More than a publisher of `scan` has slots, so that every slot has been used once.
+            // More than a publisher has slots, so that every slot has been used once.
             warm_up: 64,
             domain: None,
             peer_command: Vec::new(),
@@ -110,6 +114,9 @@ impl IpcOptions {
         }
         if self.loaded.is_empty() {
             return bad("loaded", "name false, true or both");
+        }
+        if self.subscribers.is_empty() || self.subscribers.iter().any(|n| !(1..=MOST_SUBSCRIBERS).contains(n)) {
+            return bad("subscribers", "name one or more numbers from 1 to 8");
         }
         if self.pace > Duration::from_secs(1) {
             return bad("pace", "must be 0 to 1 s");
@@ -184,6 +191,8 @@ pub(super) struct Case {
     pub pair: Pair,
     /// Whether every core has something else to do.
     pub loaded: bool,
+    /// How many subscribers there are.
+    pub subscribers: usize,
     /// Whether the subscriber polls.
     pub poll: bool,
     /// Points of a payload.
@@ -227,6 +236,7 @@ mod tests {
             domain,
             pair: IN_PLACE,
             loaded: false,
+            subscribers: 1,
             poll: true,
             points: 4,
             written_before: 0,
@@ -256,6 +266,8 @@ mod tests {
         assert!(odd.validate().unwrap_err().to_string().contains("payloads"));
         let slow = IpcOptions { pace: Duration::from_secs(2), ..good.clone() };
         assert!(slow.validate().unwrap_err().to_string().contains("pace"));
+        let many = IpcOptions { subscribers: vec![1, 9], ..good.clone() };
+        assert!(many.validate().unwrap_err().to_string().contains("subscribers"));
         let alone = IpcOptions { peer_command: Vec::new(), ..good };
         assert!(alone.validate().unwrap_err().to_string().contains("peer_command"));
     }

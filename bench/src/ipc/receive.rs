@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use mirador_ipc_schema::clock::monotonic_ns;
 use mirador_ipc_schema::messages::Point;
-use mirador_ipc_schema::topics::Scan;
 use mirador_ipc_schema::{Header, Participant, Subscriber, Wake};
 
 use super::bare::{BareListener, BareSubscriber};
 use super::payload::{HEAD, head, is_intact};
+use super::topic::MeasuredScan;
 use super::{BenchError, Transport};
 
 /// After this a message counts as lost: far more than any pace, and than what a loaded machine makes it wait.
@@ -67,7 +67,7 @@ fn nothing(transport: Transport, expected: u64) -> BenchError {
 pub(super) struct ReceiveMirador {
     pub participant: Participant,
     pub wake: Wake,
-    pub subscriber: Subscriber<Scan>,
+    pub subscriber: Subscriber<MeasuredScan>,
     pub points: usize,
 }
 

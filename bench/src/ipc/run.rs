@@ -5,7 +5,7 @@ use std::os::unix::net::UnixListener;
 use std::time::{Duration, Instant};
 
 use mirador_ipc_schema::budget::shared_memory_space;
-use mirador_ipc_schema::topics::{Scan, Topic};
+use mirador_ipc_schema::topics::Topic;
 use mirador_ipc_schema::{Domain, Participant, Sizes, Wake};
 use serde_json::{Value, json};
 
@@ -16,6 +16,7 @@ use super::payload::{fill, point};
 use super::peer::{Report, Series, socket_path};
 use super::peer_process::PeerProcess;
 use super::send::{Send, SendBytes, SendIceoryx2, SendMirador};
+use super::topic::MeasuredScan;
 use super::{BenchError, IpcOptions, Payload, Transport, pin};
 use crate::{BenchReport, Machine, Provenance, Row, Summary};
 
@@ -69,10 +70,12 @@ fn run_cases(options: &IpcOptions, domain: &Domain) -> Result<Vec<Row>, BenchErr
     }
     let busy_cores: Vec<usize> = cores.map_or_else(|| vec![0], |(a, b)| vec![a, b]);
     let mut rows = Rows::default();
-    for (payload, loaded) in options.payloads.iter().flat_map(|p| options.loaded.iter().map(move |l| (p, *l))) {
+    let groups = options.payloads.iter().flat_map(|p| options.subscribers.iter().map(move |n| (p, *n)));
+    for (payload, subscribers, loaded) in groups.flat_map(|(p, n)| options.loaded.iter().map(move |l| (p, n, *l))) {
         let _load = loaded.then(|| Load::start(&busy_cores));
         let case = |pair: Pair, wake: Wake| Case {
             loaded,
+            subscribers,
             domain: domain.name().into(),
             pair,
             poll: wake == Wake::Poll,
@@ -98,7 +101,7 @@ fn check_space(payload: &Payload) -> Result<(), BenchError> {
     let (free, _) = shared_memory_space()
         .map_err(|error| BenchError::BadOption { field: "payloads", reason: error.to_string() })?;
     // Two publishers; 4 KiB a slot and 1 MiB in all are more than iceoryx2 adds.
-    let needed = 2 * Scan::RULES.slots() as u64 * (payload.bytes as u64 + 4096) + (1 << 20);
+    let needed = 2 * MeasuredScan::RULES.slots() as u64 * (payload.bytes as u64 + 4096) + (1 << 20);
     if needed > free {
         return Err(BenchError::NoSharedMemory { free, needed, payload_bytes: payload.bytes });
     }
@@ -108,14 +111,15 @@ fn check_space(payload: &Payload) -> Result<(), BenchError> {
 /// What one case found [ns], for each transport of its pair.
 struct Measured {
     case: Case,
-    latency: [Series; 2],
+    /// Of every subscriber.
+    latency: Vec<[Series; 2]>,
     write: [Vec<u64>; 2],
     send: [Vec<u64>; 2],
 }
 
 fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measured, BenchError> {
     tracing::info!(bytes = case.payload_bytes(), poll = case.poll, pair = ?case.pair, "measuring");
-    let (mut peer, mut senders) = connect(options, domain, &case)?;
+    let (mut peers, mut senders) = connect(options, domain, &case)?;
     let rounds = usize::try_from(case.rounds).unwrap_or(0);
     let (mut write, mut send) =
         ([(); 2].map(|()| Vec::with_capacity(rounds)), [(); 2].map(|()| Vec::with_capacity(rounds)));
@@ -127,8 +131,10 @@ fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measure
             return Err(BenchError::Interrupted);
         }
         // Between two messages, so that a subscriber that died is told from one that lags.
-        if let Some(status) = peer.ended() {
-            return Err(peer.failed(format!("it ended with {status}")));
+        for peer in &mut peers {
+            if let Some(status) = peer.ended() {
+                return Err(peer.failed(format!("it ended with {status}")));
+            }
         }
         fill(&mut elsewhere, round);
         std::hint::black_box(&elsewhere);
@@ -138,53 +144,62 @@ fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measure
             send[place].push(sent.send_ns);
         }
     }
-    let Report::Latencies(latency) = peer.next_report(|| options.stop.is_set())? else {
-        return Err(peer.failed("it reports twice that it is ready".into()));
-    };
-    peer.finish()?;
-    let counted = case.rounds - case.warm_up;
-    for (transport, series) in case.pair.into_iter().zip(&latency) {
-        if series.latency.len() as u64 != counted {
-            let found = format!("{} of {counted} messages were reported", series.latency.len());
-            return Err(BenchError::Lost { transport, expected: counted, found });
+    let mut latency = Vec::new();
+    for mut peer in peers {
+        let Report::Latencies(of_pair) = peer.next_report(|| options.stop.is_set())? else {
+            return Err(peer.failed("it reports twice that it is ready".into()));
+        };
+        peer.finish()?;
+        let expected = case.rounds - case.warm_up;
+        for (transport, series) in case.pair.into_iter().zip(&of_pair) {
+            if series.latency.len() as u64 != expected {
+                let found = format!("{} of {expected} messages were reported", series.latency.len());
+                return Err(BenchError::Lost { transport, expected, found });
+            }
         }
+        latency.push(of_pair);
     }
     Ok(Measured { case, latency, write, send })
 }
 
-/// Opens the sending ends, starts the second process and waits until its receiving ends are open.
+/// Opens the sending ends, starts the subscribers and waits until their receiving ends are open.
 fn connect(
     options: &IpcOptions,
     domain: &Domain,
     case: &Case,
-) -> Result<(PeerProcess, [Box<dyn Send>; 2]), BenchError> {
-    let ready = |peer: &mut PeerProcess| match peer.next_report(|| options.stop.is_set())? {
-        Report::Ready => Ok(()),
-        Report::Latencies(_) => Err(peer.failed("it reports latencies before the first message".into())),
+) -> Result<(Vec<PeerProcess>, [Box<dyn Send>; 2]), BenchError> {
+    let start = || {
+        let mut peer = PeerProcess::start(&options.peer_command, case)?;
+        match peer.next_report(|| options.stop.is_set())? {
+            Report::Ready => Ok(peer),
+            Report::Latencies(_) => Err(peer.failed("it reports latencies before the first message".into())),
+        }
     };
     if case.pair == IN_PLACE {
         let senders = open_in_place(domain, case)?;
-        let mut peer = PeerProcess::start(&options.peer_command, case)?;
-        ready(&mut peer)?;
-        return Ok((peer, senders));
+        let peers = (0..case.subscribers).map(|_| start()).collect::<Result<_, _>>()?;
+        return Ok((peers, senders));
     }
     // The socket lies in the domain's folder, which this makes.
     domain.config()?;
     let path = socket_path(domain);
     let listener = UnixListener::bind(&path).map_err(BenchError::io("bind the Unix socket"))?;
-    let mut peer = PeerProcess::start(&options.peer_command, case)?;
-    ready(&mut peer)?;
-    // It is connected by now, so this does not block.
-    let (socket, _) = listener.accept().map_err(BenchError::io("accept the second process"))?;
+    let (mut peers, mut sockets, mut pipes) = (Vec::new(), Vec::new(), Vec::new());
+    for _ in 0..case.subscribers {
+        let mut peer = start()?;
+        // It is connected by now, so this does not block.
+        sockets.push(listener.accept().map_err(BenchError::io("accept a subscriber"))?.0);
+        pipes.push(peer.take_stdin()?);
+        peers.push(peer);
+    }
     std::fs::remove_file(&path).map_err(BenchError::io("remove the Unix socket"))?;
-    let pipe = peer.take_stdin()?;
     // Points that are not zero: zeroed memory is mapped only at its first use.
     let points = || vec![point(1, 1); case.points];
     let senders: [Box<dyn Send>; 2] = [
-        Box::new(SendBytes { stream: socket, points: points() }),
-        Box::new(SendBytes { stream: pipe, points: points() }),
+        Box::new(SendBytes { streams: sockets, points: points() }),
+        Box::new(SendBytes { streams: pipes, points: points() }),
     ];
-    Ok((peer, senders))
+    Ok((peers, senders))
 }
 
 fn open_in_place(domain: &Domain, case: &Case) -> Result<[Box<dyn Send>; 2], BenchError> {
@@ -216,6 +231,7 @@ impl Pace {
 #[derive(Default)]
 struct Rows {
     hop: Vec<Row>,
+    last: Vec<Row>,
     ratio: Vec<Row>,
     wake_up: Vec<Row>,
     transport: Vec<Row>,
@@ -226,15 +242,19 @@ struct Rows {
 impl Rows {
     fn add(&mut self, measured: &Measured) {
         let case = &measured.case;
-        let hops = measured.latency.each_ref().map(|series| Summary::of_ns_in_us(&series.latency));
+        let all = [0, 1].map(|place| together(measured.latency.iter().map(|pair| &pair[place])));
+        let hops = all.each_ref().map(|series| Summary::of_ns_in_us(&series.latency));
         for (place, transport) in case.pair.into_iter().enumerate() {
             let transport = Some(transport);
             self.hop.extend(hops[place].clone().map(|s| row("hop", "us", case, transport, s)));
+            if case.subscribers > 1 {
+                let last = Summary::of_ns_in_us(&last_of(measured.latency.iter().map(|pair| &pair[place])));
+                self.last.extend(last.map(|s| row("hop_last", "us", case, transport, s)));
+            }
             if case.pair == IN_PLACE {
-                let series = &measured.latency[place];
-                let slept = Summary::of_ns_in_us(&series.wake_up);
+                let slept = Summary::of_ns_in_us(&all[place].wake_up);
                 self.wake_up.extend(slept.map(|s| row("wake_up", "us", case, transport, s)));
-                let transfer = Summary::of_ns_in_us(&transfer(series));
+                let transfer = Summary::of_ns_in_us(&transfer(&all[place]));
                 self.transport.extend(transfer.map(|s| row("transport", "us", case, transport, s)));
             }
             let write = Summary::of_ns_in_us(&measured.write[place]);
@@ -248,8 +268,33 @@ impl Rows {
     }
 
     fn sorted(self) -> Vec<Row> {
-        [self.hop, self.ratio, self.wake_up, self.transport, self.write, self.send].into_iter().flatten().collect()
+        [self.hop, self.last, self.ratio, self.wake_up, self.transport, self.write, self.send]
+            .into_iter()
+            .flatten()
+            .collect()
     }
+}
+
+/// What all subscribers saw of one transport.
+fn together<'a>(all: impl Iterator<Item = &'a Series>) -> Series {
+    let mut sum = Series::default();
+    for series in all {
+        sum.latency.extend_from_slice(&series.latency);
+        sum.wake_up.extend_from_slice(&series.wake_up);
+    }
+    sum
+}
+
+/// For every message, the latency of the subscriber that had it last [ns].
+fn last_of<'a>(all: impl Iterator<Item = &'a Series>) -> Vec<u64> {
+    let mut last = Vec::new();
+    for series in all {
+        last.resize(last.len().max(series.latency.len()), 0);
+        for (last, latency) in last.iter_mut().zip(&series.latency) {
+            *last = (*last).max(*latency);
+        }
+    }
+    last
 }
 
 /// The hop without waking up [ns].
@@ -263,7 +308,7 @@ fn row(name: &str, unit: &str, case: &Case, transport: Option<Transport>, summar
     let mut params = BTreeMap::from([
         ("payload_bytes".to_owned(), json!(case.payload_bytes())),
         ("wake".to_owned(), json!(wake)),
-        ("subscribers".to_owned(), json!(1)),
+        ("subscribers".to_owned(), json!(case.subscribers)),
         ("load".to_owned(), json!(if case.loaded { "busy" } else { "idle" })),
     ]);
     if case.written_before > 0 {
@@ -279,5 +324,18 @@ fn row(name: &str, unit: &str, case: &Case, transport: Option<Transport>, summar
         summary,
         provenance: Provenance::Measured,
         extra: BTreeMap::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_of_several_subscribers_counts_for_each_message() {
+        let series = |latency: &[u64]| Series { latency: latency.to_vec(), wake_up: Vec::new() };
+        let all = [series(&[5, 1, 9]), series(&[2, 7, 8])];
+        assert_eq!(last_of(all.iter()), [5, 7, 9]);
+        assert_eq!(together(all.iter()).latency, [5, 1, 9, 2, 7, 8]);
     }
 }

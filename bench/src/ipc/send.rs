@@ -5,12 +5,12 @@ use std::io::Write;
 use bytemuck::cast_slice_mut;
 use mirador_ipc_schema::clock::monotonic_ns;
 use mirador_ipc_schema::messages::{Point, ScanMeta};
-use mirador_ipc_schema::topics::Scan;
 use mirador_ipc_schema::{Header, Publisher};
 
 use super::BenchError;
 use super::bare::{BareNotifier, BarePublisher};
 use super::payload::{fill, point, put_head};
+use super::topic::MeasuredScan;
 
 /// Durations of one message on the publisher's side [ns].
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +38,7 @@ fn meta(sequence: u64, points: usize) -> ScanMeta {
 
 /// Our handle.
 pub(super) struct SendMirador {
-    pub publisher: Publisher<Scan>,
+    pub publisher: Publisher<MeasuredScan>,
     pub points: usize,
 }
 
@@ -81,9 +81,9 @@ impl Send for SendIceoryx2 {
     }
 }
 
-/// A stream that takes the message as bytes: one write call for the whole of it.
+/// Streams that take the message as bytes, one subscriber's after the other's: one write call for the whole of it.
 pub(super) struct SendBytes<W: Write> {
-    pub stream: W,
+    pub streams: Vec<W>,
     pub points: Vec<Point>,
 }
 
@@ -95,7 +95,9 @@ impl<W: Write> Send for SendBytes<W> {
         let stamp = monotonic_ns();
         let bytes = cast_slice_mut(&mut self.points);
         put_head(bytes, stamp, sequence);
-        self.stream.write_all(bytes).map_err(BenchError::io("write to the second process"))?;
+        for stream in &mut self.streams {
+            stream.write_all(bytes).map_err(BenchError::io("write to the second process"))?;
+        }
         Ok(Sent { write_ns: written - begin, send_ns: monotonic_ns() - stamp })
     }
 }

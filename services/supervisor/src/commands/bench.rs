@@ -17,42 +17,39 @@ use mirador_ipc_schema::StopSignal;
 
 use super::bench_pipeline;
 use super::session::load_graph;
-use crate::cli::{AllPairsArgs, BenchCompareArgs, BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common};
+use crate::cli::{
+    AllPairsArgs, BenchCompareArgs, BenchIpcArgs, BenchPipelineArgs, BenchPlanningArgs, BenchRegistrationArgs, Common,
+};
 use crate::{EXIT_DONE, EXIT_FAILED, Registry, UsageError};
 
 /// Latency between two processes.
-pub fn ipc(
-    json: Option<&Path>,
-    messages: Option<usize>,
-    payloads: &[usize],
-    loaded: bool,
-    pace_ms: Option<f64>,
-) -> Result<u8> {
+pub fn ipc(args: &BenchIpcArgs) -> Result<u8> {
     let own = std::env::current_exe().context("the path of this program is not known")?;
     let mut options = IpcOptions {
         peer_command: vec![own.to_string_lossy().into_owned(), "bench-peer".into(), "--".into()],
         stop: StopSignal::from_terminal()?,
         ..IpcOptions::default()
     };
-    if !payloads.is_empty() {
-        options.payloads = payloads.iter().map(|bytes| Payload::of(*bytes)).collect();
+    options.subscribers.clone_from(&args.subscribers);
+    if !args.payloads.is_empty() {
+        options.payloads = args.payloads.iter().map(|bytes| Payload::of(*bytes)).collect();
     }
-    if loaded {
+    if args.loaded {
         options.loaded = vec![false, true];
     }
-    if let Some(messages) = messages {
+    if let Some(messages) = args.messages {
         for payload in &mut options.payloads {
-            payload.messages = messages as u64;
+            payload.messages = messages;
         }
     }
-    if let Some(ms) = pace_ms {
+    if let Some(ms) = args.pace_ms {
         let pace = Duration::try_from_secs_f64(ms / 1e3);
         options.pace =
             pace.map_err(|_| UsageError(format!("--pace-ms {ms}: give a time of 0 or more milliseconds")))?;
     }
     options.validate().map_err(|error| UsageError(error.to_string()))?;
     let report = ipc::run(&options)?;
-    keep(&report, json)?;
+    keep(&report, args.json.as_deref())?;
     Ok(EXIT_DONE)
 }
 

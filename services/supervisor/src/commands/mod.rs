@@ -36,9 +36,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         Some(Command::Run(args)) => service::run_service(common, &args, &registry),
         Some(Command::Top { once, json }) => top::top(common, once, json),
         Some(Command::Replan(args)) => replan::replan(common, &args),
-        Some(Command::Bench { what: BenchCommand::Ipc { json, messages, payloads, loaded, pace_ms } }) => {
-            bench::ipc(json.as_deref(), messages, &payloads, loaded, pace_ms)
-        }
+        Some(Command::Bench { what: BenchCommand::Ipc(args) }) => bench::ipc(&args),
         Some(Command::Bench { what: BenchCommand::Stages { json, threads, repetitions } }) => {
             bench::stages(json.as_deref(), &threads, repetitions)
         }
