@@ -335,3 +335,61 @@ fn a_killed_alignment_goes_on_with_the_foreign_process_where_it_stopped() {
     assert!(count(&killed) + 4 >= count(&asked), "{} {}", killed["registration"], asked["registration"]);
     assert_eq!(trajectory(&stage.path("mirador-out")), undisturbed);
 }
+
+/// `bench registration` over the near pairs of a real recording, with this program as the external method.
+fn compared(stage: &Stage, behaviour: &str, more: &[&str]) -> Option<Finished> {
+    let scans = support::data("external_registration", "handheld")?;
+    let own = std::env::current_exe().unwrap();
+    let command =
+        format!("programs.registration.command=[\"{}\", \"--exact\", \"{ANSWERER}\", \"--nocapture\"]", own.display());
+    let mut arguments: Vec<&str> = vec!["bench", "registration", "--data", scans.to_str().unwrap()];
+    arguments.extend(["--poses", "odometry.tum", "--max-distance", "0.6", "--methods", "external,gicp"]);
+    arguments.extend(["--json", "r.json", "--set", &command]);
+    arguments.extend(more.iter().flat_map(|setting| ["--set", setting]));
+    let mut command = stage.mirador(&arguments);
+    Some(finish(command.env(BEHAVIOUR, behaviour).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()))
+}
+
+/// The rows of external and of gicp.
+fn compared_rows(stage: &Stage) -> [Value; 2] {
+    let report: Value = serde_json::from_str(&fs::read_to_string(stage.path("r.json")).unwrap()).unwrap();
+    ["external", "gicp"].map(|method| {
+        let rows = report["rows"].as_array().unwrap();
+        rows.iter().find(|row| row["params"]["method"] == method).unwrap().clone()
+    })
+}
+
+#[test]
+fn a_foreign_process_is_compared_with_built_in_methods_over_a_data_set() {
+    let stage = Stage::new();
+    let Some(finished) = compared(&stage, "honest", &["alignment.external.deadline_ms=60000"]) else { return };
+    assert_eq!(finished.status.code(), Some(0), "{}", finished.stderr);
+    let [external, gicp] = compared_rows(&stage);
+    assert!(external["n"].as_u64().unwrap() >= 5 && external["n"] == gicp["n"], "{external}");
+    for row in [&external, &gicp] {
+        assert_eq!(row["success_rate"], 1.0, "{row}");
+    }
+    stage.assert_nothing_left();
+}
+
+#[test]
+fn a_foreign_process_that_lies_fails_at_every_pair_of_a_comparison() {
+    let stage = Stage::new();
+    let Some(finished) = compared(&stage, "nan", &["alignment.external.deadline_ms=60000"]) else { return };
+    assert_eq!(finished.status.code(), Some(0), "{}", finished.stderr);
+    let [external, gicp] = compared_rows(&stage);
+    assert_eq!((&external["success_rate"], &gicp["success_rate"]), (&0.0.into(), &1.0.into()), "{external}");
+    stage.assert_nothing_left();
+}
+
+#[test]
+fn a_comparison_without_its_program_says_what_is_missing() {
+    let stage = Stage::new();
+    let settings = ["programs.registration.command=[\"/nowhere/icp\"]", "alignment.external.start_timeout_ms=300"];
+    let Some(finished) = compared(&stage, "honest", &settings) else { return };
+    assert_eq!(finished.status.code(), Some(1), "{}", finished.stderr);
+    assert!(finished.stderr.contains("/nowhere/icp"), "{}", finished.stderr);
+    let refused = stage.run(&["bench", "registration", "--data", ".", "--methods", "external"]);
+    assert!(!refused.status.success(), "{}", refused.stderr);
+    stage.assert_nothing_left();
+}

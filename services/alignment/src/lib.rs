@@ -15,5 +15,5 @@ mod service;
 mod state;
 
 pub use config::{AlignmentConfig, AlignmentMode};
-pub use external::{ExternalConfig, FAULT_WORDS, NAME as EXTERNAL};
+pub use external::{ExternalConfig, FAULT_WORDS, ForeignRegistration, NAME as EXTERNAL};
 pub use service::run;

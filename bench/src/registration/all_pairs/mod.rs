@@ -132,17 +132,19 @@ pub fn is_data_set(folder: &std::path::Path) -> bool {
         && mirador_core::formats::list_scans(folder).is_ok_and(|scans| !scans.files.is_empty())
 }
 
-/// Measures the methods of `registry` on all pairs.
+/// Measures the methods of `registry` on all pairs, and beside them one that is there already.
 ///
 /// # Errors
 /// See [`RegistrationBenchError`].
 pub fn run(
     options: &AllPairsOptions,
     registry: &Registry,
+    another: Option<Box<dyn Registration>>,
     say: &mut dyn FnMut(&str),
 ) -> Result<AllPairs, RegistrationBenchError> {
     options.validate()?;
-    let names: Vec<String> = match options.methods.as_slice() {
+    let mut names: Vec<String> = match options.methods.as_slice() {
+        [] if another.is_some() => Vec::new(),
         [] => registry.names().map(str::to_owned).collect(),
         named => named.to_vec(),
     };
@@ -151,6 +153,8 @@ pub fn run(
         let settings = RegistrationConfig { threads: options.threads, ..options.settings.clone() };
         methods.push(registry.create(name, &settings)?);
     }
+    names.extend(another.iter().map(|method| method.name().to_owned()));
+    methods.extend(another);
     let data = DataSet::read(options)?;
     data.about.iter().for_each(|line| say(line));
     let mut entrants: Vec<Entrant> = names.into_iter().map(|method| Entrant { method, attempts: Vec::new() }).collect();

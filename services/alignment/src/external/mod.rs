@@ -4,6 +4,7 @@
 //! The fallback method prepares the keyframes and judges every answer with 0 iterations: overlap, residual, cost and
 //! which directions the geometry determines are ours. Pose, covariance, convergence and iterations are the answer's.
 
+mod alone;
 mod config;
 mod fault;
 mod link;
@@ -18,6 +19,7 @@ use mirador_core::slam6d::AcceptanceConfig;
 use mirador_ipc_schema::messages::RegistrationResult;
 use nalgebra::{Matrix6, Vector6};
 
+pub use alone::ForeignRegistration;
 pub use config::ExternalConfig;
 pub use fault::FAULT_WORDS;
 pub(crate) use link::Link;

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, Result};
+use mirador_alignment::EXTERNAL;
 use mirador_bench::BenchReport;
 use mirador_bench::compare::{self, CompareOptions};
 use mirador_bench::ipc::{self, IpcOptions, Payload};
@@ -15,6 +16,7 @@ use mirador_bench::stages::{self, StagesBenchError, StagesOptions};
 use mirador_core::view_planning::StrategyRegistry;
 use mirador_ipc_schema::StopSignal;
 
+use super::bench_external::ForeignProgram;
 use super::bench_pipeline;
 use super::session::load_graph;
 use crate::cli::{
@@ -64,13 +66,19 @@ fn all_pairs(common: &Common, args: &BenchRegistrationArgs, data: &Path, registr
         return Err(UsageError(message).into());
     }
     let (pairs, default) = (&args.pairs, AllPairsOptions::default());
+    let graph = load_graph(common, None, registry)?;
+    let threads = pairs.threads.unwrap_or(default.threads);
+    let (foreign, methods): (Vec<_>, Vec<_>) = args.methods.iter().cloned().partition(|name| name == EXTERNAL);
+    let foreign = (!foreign.is_empty()).then(|| ForeignProgram::start(&graph, threads, registry)).transpose()?;
+    // The program runs until all is measured.
+    let (_program, foreign) = foreign.unzip();
     let options = AllPairsOptions {
         data: data.to_path_buf(),
         truth: pairs.truth.clone(),
         poses: pairs.poses.clone(),
-        methods: args.methods.clone(),
-        threads: pairs.threads.unwrap_or(default.threads),
-        settings: load_graph(common, None, registry)?.alignment.method,
+        methods,
+        threads,
+        settings: graph.alignment.method,
         max_distance_m: pairs.max_distance.unwrap_or(default.max_distance_m),
         success_m: pairs.success_m.unwrap_or(default.success_m),
         success_deg: pairs.success_deg.unwrap_or(default.success_deg),
@@ -80,7 +88,7 @@ fn all_pairs(common: &Common, args: &BenchRegistrationArgs, data: &Path, registr
             eprintln!("{line}");
         }
     };
-    let result = registration::all_pairs::run(&options, registry, &mut say).map_err(usage_or_failure)?;
+    let result = registration::all_pairs::run(&options, registry, foreign, &mut say).map_err(usage_or_failure)?;
     keep(&result.report, args.json.as_deref())?;
     if let Some(path) = &pairs.html {
         let page = registration::all_pairs::page(&result)?;

@@ -1,6 +1,7 @@
 //! The commands.
 
 mod bench;
+mod bench_external;
 mod bench_pipeline;
 mod convert;
 mod doctor;

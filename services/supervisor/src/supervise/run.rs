@@ -90,6 +90,14 @@ impl Seat {
         Ok(Self { domain, participant: Some(participant) })
     }
 
+    /// The supervisor as a process of the domain.
+    ///
+    /// # Errors
+    /// When the seat was given up.
+    pub fn participant(&self) -> Result<&Participant> {
+        self.participant.as_ref().context("the seat was given up")
+    }
+
     fn leave(&mut self) -> Result<()> {
         if self.participant.take().is_some() {
             // Everyone is gone: what remains are files that iceoryx2 leaves behind.
@@ -110,7 +118,7 @@ impl Drop for Seat {
 /// Runs a graph until its input ends, it fails, or the user stops it. Nothing of it is left afterwards.
 pub fn run(plan: &RunPlan, mut seat: Seat) -> Result<RunOutcome> {
     let begin = Instant::now();
-    let participant = seat.participant.as_ref().context("the seat was given up")?;
+    let participant = seat.participant()?;
     let result = run_joined(plan, participant);
     let left = seat.leave();
     let (ended, services, registration) = result?;
