@@ -108,9 +108,14 @@ pub struct WheelModel {
     pub sideways_sigma: f64,
     /// The same for each rad/s that the robot turns, as skidding then has no fixed centre [m/rad], 0 to 10.
     pub turning_sigma: f64,
+    /// The same for the forward speed: when one side of the robot skids more than the other, the robot goes forwards or backwards
+    /// while it turns, and its wheels do not say so [m/rad], 0 to 10.
+    pub turning_forward_sigma: f64,
     /// On a slope the robot slides: standard deviation of its position after a metre, for a slope of 45 degrees; it grows with
     /// the root of the way and the tangent of the slope [m], 0 to 10.
     pub slide_sigma_m: f64,
+    /// On a slope a robot that turns slides downhill: by so much for each rad, times the sine of the slope [m/rad], 0 to 10.
+    pub turning_slide_m: f64,
     /// The wheels are taken to stand after so long without a tick [s], 0.05 to 10.
     pub standing_s: f64,
     /// Standard deviation of the speed of a standing robot [m/s], 1e-4 to 1.
@@ -127,7 +132,9 @@ impl Default for WheelModel {
             slip_correlation_s: 10.0,
             sideways_sigma: 0.15,
             turning_sigma: 0.3,
+            turning_forward_sigma: 0.08,
             slide_sigma_m: 0.4,
+            turning_slide_m: 0.8,
             standing_s: 0.3,
             standing_sigma: 0.01,
             standing_turn: 0.03,
@@ -335,9 +342,11 @@ impl LocalizationConfig {
             ("wheels.slip_correlation_s", wheels.slip_correlation_s, 0.1, 1e3),
             ("wheels.sideways_sigma", wheels.sideways_sigma, 0.01, 10.0),
             ("wheels.turning_sigma", wheels.turning_sigma, 0.0, 10.0),
+            ("wheels.turning_forward_sigma", wheels.turning_forward_sigma, 0.0, 10.0),
             ("wheels.standing_s", wheels.standing_s, 0.05, 10.0),
             ("wheels.standing_sigma", wheels.standing_sigma, 1e-4, 1.0),
             ("wheels.slide_sigma_m", wheels.slide_sigma_m, 0.0, 10.0),
+            ("wheels.turning_slide_m", wheels.turning_slide_m, 0.0, 10.0),
             ("wheels.standing_turn", wheels.standing_turn, 0.005, 1.0),
             ("laser.least_beams", f64::from(self.laser.least_beams), 10.0, 1e4),
             ("laser.least_share", self.laser.least_share, 0.1, 1.0),

@@ -380,15 +380,15 @@ impl Localizer {
             self.state.correct(&measurements::zero_velocity(&self.state, &self.config));
             return;
         }
-        if !self.laser.is_slipping() {
-            self.use_forward_speed(sample, change);
-        }
         let turning = self.angular_velocity().z;
+        if !self.laser.is_slipping() {
+            self.use_forward_speed(sample, change, turning);
+        }
         self.state.correct(&measurements::no_side_slip(&self.state, turning, &self.config));
     }
 
-    fn use_forward_speed(&mut self, sample: &WheelSample, change: f64) {
-        let forward = measurements::forward_speed(&self.state, sample, change, &self.config);
+    fn use_forward_speed(&mut self, sample: &WheelSample, change: f64, turning: f64) {
+        let forward = measurements::forward_speed(&self.state, sample, change, turning, &self.config);
         let agrees = self.state.distance2(&forward) < WHEEL_GATE.powi(2);
         self.quarrels[0].note(sample.stamp_ns, agrees);
         if agrees {

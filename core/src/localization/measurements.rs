@@ -18,27 +18,42 @@ fn own_velocity(state: &State) -> (Vector3<f64>, Jacobian<3>) {
     (velocity, jacobian)
 }
 
-/// The wheels' forward speed: that of the robot, and the share by which they slip. A reading is the mean over its interval,
-/// so at its end it is off by half of what the speed has changed by: `change` [m/s].
+/// The velocity at which a robot on wheels slides while it turns on a slope, in its own frame [m/s]: downhill, as wheels that
+/// skid sideways to turn hold nothing. Dry friction opposes the whole of a wheel's motion over the ground: while that is mostly
+/// sideways, what is left to hold against the slope grows only with the speed of sliding (skid steering as in Mandow et al.
+/// 2007, on a slope).
+fn sliding(state: &State, turning: f64, config: &LocalizationConfig) -> [f64; 2] {
+    let up = state.rotation.inverse() * Vector3::z();
+    let speed = config.wheels.turning_slide_m * turning.abs();
+    [-speed * up.x, -speed * up.y]
+}
+
+/// The wheels' forward speed: that of the robot but for what it slides, and the share by which they slip. A reading is the mean
+/// over its interval, so at its end it is off by half of what the speed has changed by: `change` [m/s]. `turning` [rad/s].
 pub(super) fn forward_speed(
     state: &State,
     sample: &WheelSample,
     change: f64,
+    turning: f64,
     config: &LocalizationConfig,
 ) -> Measurement<1> {
     let (velocity, own) = own_velocity(state);
+    let rolling = velocity.x - sliding(state, turning, config)[0];
     let mut jacobian: Jacobian<1> = (1.0 + state.slip) * own.fixed_rows::<1>(0);
-    jacobian[SLIP] = velocity.x;
-    let residual = Vector1::new(sample.linear - (1.0 + state.slip) * velocity.x);
-    Measurement { residual, jacobian, noise: Matrix1::new(config.wheels.sigma.powi(2) + (0.5 * change).powi(2)) }
+    jacobian[SLIP] = rolling;
+    let residual = Vector1::new(sample.linear - (1.0 + state.slip) * rolling);
+    let skidding = config.wheels.turning_forward_sigma * turning;
+    let noise = config.wheels.sigma.powi(2) + (0.5 * change).powi(2) + skidding.powi(2);
+    Measurement { residual, jacobian, noise: Matrix1::new(noise) }
 }
 
-/// A robot on wheels goes neither sideways nor off the ground, give or take what it skids when it turns.
+/// A robot on wheels goes neither sideways nor off the ground, give or take what it skids when it turns [rad/s].
 pub(super) fn no_side_slip(state: &State, turning: f64, config: &LocalizationConfig) -> Measurement<2> {
     let (velocity, own) = own_velocity(state);
+    let [_, aside] = sliding(state, turning, config);
     let sigma = config.wheels.sideways_sigma.hypot(config.wheels.turning_sigma * turning);
     Measurement {
-        residual: -Vector2::new(velocity.y, velocity.z),
+        residual: Vector2::new(aside - velocity.y, -velocity.z),
         jacobian: own.fixed_rows::<2>(1).into_owned(),
         noise: Matrix2::identity() * sigma.powi(2),
     }

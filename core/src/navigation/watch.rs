@@ -18,7 +18,7 @@ impl fmt::Display for Watched {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Laser => "the front laser",
-            Self::Rangers => "the rangers",
+            Self::Rangers => "the ring of rangers",
         })
     }
 }

@@ -16,7 +16,7 @@ use super::work::ServiceWork;
 pub fn chrome_trace(data: &RunData, first: u32) -> Value {
     let numbers = data.scans.iter().map(super::run_data::ScanRecord::number).filter(|scan| *scan >= first);
     let paths: Vec<ScanPath<'_>> = numbers.filter_map(|scan| ScanPath::of(data, scan)).collect();
-    let zero = paths.iter().flat_map(|path| &path.works).map(|work| work.span.began_ns).min().unwrap_or(0);
+    let zero = paths.iter().flat_map(|path| &path.works).map(|work| woken_from(work)).min().unwrap_or(0);
     let clock = Clock(zero);
     let mut events = names(&paths);
     for path in &paths {
@@ -29,7 +29,13 @@ pub fn chrome_trace(data: &RunData, first: u32) -> Value {
     json!({"traceEvents": events, "displayTimeUnit": "ms", "otherData": {"clock": "CLOCK_MONOTONIC", "zero_ns": zero}})
 }
 
-/// Times from the first beginning on.
+/// When a thread began to be woken for a work [ns]: with that its first event begins.
+fn woken_from(work: &ServiceWork) -> u64 {
+    let delay = work.span.delay();
+    work.span.began_ns.saturating_sub(delay.taking).saturating_sub(delay.wake_up)
+}
+
+/// Times from the first event on.
 struct Clock(u64);
 
 impl Clock {
@@ -81,7 +87,7 @@ fn delays(work: &ServiceWork, clock: &Clock) -> Vec<Value> {
         (length > 0).then(|| complete(work, name, "delay", [from, from + length], clock, args.clone()))
     };
     let woke = span.began_ns.saturating_sub(delay.taking);
-    let wake_up = part("wake-up", delay.wake_up, woke.saturating_sub(delay.wake_up));
+    let wake_up = part("wake-up", delay.wake_up, woken_from(work));
     wake_up.into_iter().chain(part("taking", delay.taking, woke)).collect()
 }
 
@@ -131,6 +137,27 @@ mod tests {
         let taking =
             of("delay").into_iter().find(|e| e["name"] == "taking" && e["args"]["before"] == "surface").unwrap();
         assert_eq!(taking["ts"].as_f64().unwrap() + taking["dur"].as_f64().unwrap(), 91_000.0);
+    }
+
+    #[test]
+    fn no_event_of_a_thread_crosses_the_end_of_another_also_where_all_begins_with_a_wake_up() {
+        let mut data = data();
+        // Without the work of acquisition the first thing is that somebody is woken.
+        data.work.spans.retain(|work| work.service != "acquisition");
+        let events = chrome_trace(&data, 0)["traceEvents"].as_array().unwrap().clone();
+        let mut slices: BTreeMap<(u64, u64), Vec<[f64; 2]>> = BTreeMap::new();
+        for event in events.iter().filter(|event| event["ph"] == "X") {
+            let number = |key: &str| event[key].as_u64().unwrap();
+            let (begin, length) = (event["ts"].as_f64().unwrap(), event["dur"].as_f64().unwrap());
+            slices.entry((number("pid"), number("tid"))).or_default().push([begin, begin + length]);
+        }
+        assert!(slices.values().map(Vec::len).sum::<usize>() > 10);
+        for slices in slices.values_mut() {
+            slices.sort_by(|a, b| a[0].total_cmp(&b[0]).then(b[1].total_cmp(&a[1])));
+            for pair in slices.windows(2) {
+                assert!(pair[1][0] >= pair[0][1] - 1e-6 || pair[1][1] <= pair[0][1] + 1e-6, "{pair:?}");
+            }
+        }
     }
 
     #[test]
