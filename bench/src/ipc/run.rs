@@ -162,12 +162,11 @@ fn run_case(options: &IpcOptions, domain: &Domain, case: Case) -> Result<Measure
     Ok(Measured { case, latency, write, send })
 }
 
+/// The subscribers' processes, and the sending end of each transport.
+type Connected = (Vec<PeerProcess>, [Box<dyn Send>; 2]);
+
 /// Opens the sending ends, starts the subscribers and waits until their receiving ends are open.
-fn connect(
-    options: &IpcOptions,
-    domain: &Domain,
-    case: &Case,
-) -> Result<(Vec<PeerProcess>, [Box<dyn Send>; 2]), BenchError> {
+fn connect(options: &IpcOptions, domain: &Domain, case: &Case) -> Result<Connected, BenchError> {
     let start = || {
         let mut peer = PeerProcess::start(&options.peer_command, case)?;
         match peer.next_report(|| options.stop.is_set())? {

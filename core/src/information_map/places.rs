@@ -150,16 +150,13 @@ impl Given {
                 units[axis][k] = low_bits(value.floor());
             }
         }
-        let mut is_return = [0u32; WIDE];
-        for k in 0..WIDE {
-            let sum = self.at[0][k] + self.at[1][k] + self.at[2][k];
-            is_return[k] = u32::from(sum.abs() <= f32::MAX);
-        }
         let (mut returns, mut scored, mut placed) = (0, 0, 0);
         for k in 0..WIDE {
-            let has_score = is_return[k] & self.has_score[k];
+            let sum = self.at[0][k] + self.at[1][k] + self.at[2][k];
+            let is_return = u32::from(sum.abs() <= f32::MAX);
+            let has_score = is_return & self.has_score[k];
             let has_place = has_score & is_near[k];
-            returns += is_return[k];
+            returns += is_return;
             scored += has_score;
             placed += has_place;
             for axis in &mut units {

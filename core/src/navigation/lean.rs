@@ -11,6 +11,9 @@ use crate::geometry::Pose;
 /// [deg].
 const MORE_DEG: f64 = 8.0;
 const LEANING_DEG: f64 = 13.0;
+/// One that leaned more than this already when it began has less left: this share of what is above, up to 15 degrees [deg].
+const STEEP_DEG: f64 = 5.0;
+const LESS: f64 = 0.4;
 /// The same for one that drives: more than at its best over the last stretch of the way [deg, m]. Slopes that are planned on
 /// come more slowly.
 const DRIVING_MORE_DEG: f64 = 9.0;
@@ -69,7 +72,8 @@ impl LeanWatch {
             return false;
         };
         let (heading, level_deg) = *self.began.get_or_insert((heading(map_from_robot), tilt_deg));
-        let leans = tilt_deg > LEANING_DEG && tilt_deg > level_deg + MORE_DEG;
+        let more_deg = MORE_DEG - LESS * (level_deg - STEEP_DEG).clamp(0.0, 10.0);
+        let leans = tilt_deg > LEANING_DEG && tilt_deg > level_deg + more_deg;
         if leans {
             let ahead = downhill(map_from_robot, 1.0).x;
             let is_along = ahead.abs() > ALONG;
@@ -127,6 +131,14 @@ mod tests {
     fn pose(heading_deg: f64, roll_deg: f64) -> Pose {
         let rotation = UnitQuaternion::from_euler_angles(roll_deg.to_radians(), 0.0, heading_deg.to_radians());
         Pose::from_parts(Vector3::zeros().into(), rotation)
+    }
+
+    #[test]
+    fn a_robot_that_stands_on_a_slope_has_less_to_lean() {
+        let mut watch = LeanWatch::default();
+        let mut step = |heading: f64, roll: f64| watch.leans(Some(-0.5), &pose(heading, roll), roll.abs());
+        assert!(!step(35.0, 12.0) && !step(24.0, 14.2) && !step(18.0, 16.5), "the slope is not even");
+        assert!(step(12.0, 17.5));
     }
 
     #[test]

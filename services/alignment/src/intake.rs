@@ -198,3 +198,92 @@ impl Drop for Intake {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use mirador_core::registration::{RegistrationConfig, Registry};
+    use mirador_core::scan::Point;
+    use mirador_ipc_schema::messages::{Header, ScanId, ScanMeta};
+    use mirador_ipc_schema::{Domain, Participant, Publisher, Sizes, StopSignal, Wake};
+
+    use super::*;
+
+    /// A domain with a sender of scans and an intake that begins with scan 1.
+    struct Stage {
+        domain: Domain,
+        scans: Publisher<topics::Scan>,
+        intake: Intake,
+        _participants: [Participant; 2],
+    }
+
+    impl Stage {
+        fn new(name: &str) -> Self {
+            let domain = Domain::new(&format!("{name}{}", std::process::id())).unwrap();
+            let join = |name| {
+                let (domain, sizes) = (domain.clone(), Sizes { scan_points: 2000 });
+                Participant::join(domain, name, 0, sizes, Wake::Event, StopSignal::default()).unwrap()
+            };
+            let participants = [join("sender"), join("alignment")];
+            let method = Registry::default().create("point_to_point", &RegistrationConfig::default()).unwrap();
+            let (port, waiter) = (participants[1].subscriber().unwrap(), participants[1].waiter());
+            let intake = Intake::start(port, waiter, Some(method), 1).unwrap();
+            Self { scans: participants[0].publisher().unwrap(), domain, intake, _participants: participants }
+        }
+
+        fn send(&self, scan: u32) {
+            let points: Vec<Point> = (0..2000)
+                .map(|k| Point::new((k % 50) as f32 * 0.3, (k / 50) as f32 * 0.3, 0.1 * (k % 7) as f32))
+                .collect();
+            let header = Header::new(ScanId { robot: 0, run: 0, scan }.pack(), 0);
+            let meta = ScanMeta { header, returns: 2000, ..ScanMeta::default() };
+            self.scans.send_copy(meta, bytemuck::cast_slice(&points)).unwrap();
+        }
+
+        /// Number, thread and whether it was prepared, of the scan that is ready.
+        fn take(&mut self) -> Option<(u32, u32, bool)> {
+            let ready = self.intake.take(&mut Pause::default()).unwrap()?;
+            let is_prepared = matches!(ready.prepared, Some(Ok(_)));
+            Some((ready.scan.header().scan(), ready.span.thread, is_prepared))
+        }
+    }
+
+    impl Drop for Stage {
+        fn drop(&mut self) {
+            let _ = self.domain.remove_all();
+        }
+    }
+
+    #[test]
+    fn who_waits_prepares_the_scan_himself_and_who_works_has_it_prepared() {
+        let mut stage = Stage::new("intake");
+        assert!(stage.take().is_none() && stage.intake.awaited().is_some());
+        stage.send(0);
+        assert_eq!(stage.take(), Some((0, 0, false)), "scans that are done are not prepared again");
+        stage.send(1);
+        assert_eq!(stage.take(), Some((1, 0, true)));
+        stage.intake.lend();
+        assert!(stage.intake.awaited().is_none());
+        stage.send(2);
+        let began = Instant::now();
+        while !stage.intake.has_arrived() {
+            assert!(began.elapsed() < Duration::from_secs(20), "the second thread does not take the scan in");
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert_eq!(stage.take(), Some((2, 1, true)));
+        assert!(!stage.intake.has_arrived());
+    }
+
+    #[test]
+    fn the_second_thread_gives_back_what_it_did_not_need_and_ends_with_the_intake() {
+        let mut stage = Stage::new("intakeb");
+        for scan in 1..4 {
+            stage.intake.lend();
+            stage.intake.take_back().unwrap();
+            assert!(stage.take().is_none());
+            stage.send(scan);
+            assert_eq!(stage.take(), Some((scan, 0, true)));
+        }
+        // Ends while the second thread waits.
+        stage.intake.lend();
+    }
+}
