@@ -11,7 +11,7 @@ use crate::geometry::Pose;
 /// [deg].
 const MORE_DEG: f64 = 8.0;
 const LEANING_DEG: f64 = 13.0;
-/// One that leaned more than this already when it began has less left: this share of what is above, up to 15 degrees [deg].
+/// One that leaned more than this before has less left: by this share of what is above, up to 15 degrees [deg].
 const STEEP_DEG: f64 = 5.0;
 const LESS: f64 = 0.4;
 /// The same for one that drives: more than at its best over the last stretch of the way [deg, m]. Slopes that are planned on
@@ -56,7 +56,7 @@ impl LeanWatch {
             self.stretch.push_back((driven_m, tilt_deg));
         }
         let least_deg = self.stretch.iter().map(|(_, tilt)| *tilt).fold(tilt_deg, f64::min);
-        let leans = tilt_deg > DRIVING_LEANING_DEG && tilt_deg > least_deg + DRIVING_MORE_DEG;
+        let leans = tilt_deg > DRIVING_LEANING_DEG && tilt_deg > least_deg + DRIVING_MORE_DEG - less_deg(least_deg);
         if leans {
             self.escape = Some(Escape::Straight(-1.0));
             self.stretch.clear();
@@ -72,8 +72,7 @@ impl LeanWatch {
             return false;
         };
         let (heading, level_deg) = *self.began.get_or_insert((heading(map_from_robot), tilt_deg));
-        let more_deg = MORE_DEG - LESS * (level_deg - STEEP_DEG).clamp(0.0, 10.0);
-        let leans = tilt_deg > LEANING_DEG && tilt_deg > level_deg + more_deg;
+        let leans = tilt_deg > LEANING_DEG && tilt_deg > level_deg + MORE_DEG - less_deg(level_deg);
         if leans {
             let ahead = downhill(map_from_robot, 1.0).x;
             let is_along = ahead.abs() > ALONG;
@@ -108,6 +107,11 @@ impl LeanWatch {
         }
         self.escape.map(|_| way)
     }
+}
+
+/// By how much less a robot may lean on top of what it leaned before [deg].
+fn less_deg(before_deg: f64) -> f64 {
+    LESS * (before_deg - STEEP_DEG).clamp(0.0, 10.0)
 }
 
 /// The place so far from the robot's middle on the side to which it leans [m, robot frame].
