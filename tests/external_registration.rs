@@ -338,6 +338,10 @@ fn a_killed_alignment_goes_on_with_the_foreign_process_where_it_stopped() {
 
 /// `bench registration` over the near pairs of a real recording, with this program as the external method.
 fn compared(stage: &Stage, behaviour: &str, more: &[&str]) -> Option<Finished> {
+    start_comparison(stage, behaviour, more).map(finish)
+}
+
+fn start_comparison(stage: &Stage, behaviour: &str, more: &[&str]) -> Option<Child> {
     let scans = support::data("external_registration", "handheld")?;
     let own = std::env::current_exe().unwrap();
     let command =
@@ -347,7 +351,7 @@ fn compared(stage: &Stage, behaviour: &str, more: &[&str]) -> Option<Finished> {
     arguments.extend(["--json", "r.json", "--set", &command]);
     arguments.extend(more.iter().flat_map(|setting| ["--set", setting]));
     let mut command = stage.mirador(&arguments);
-    Some(finish(command.env(BEHAVIOUR, behaviour).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()))
+    Some(command.env(BEHAVIOUR, behaviour).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap())
 }
 
 /// The rows of external and of gicp.
@@ -391,5 +395,19 @@ fn a_comparison_without_its_program_says_what_is_missing() {
     assert!(finished.stderr.contains("/nowhere/icp"), "{}", finished.stderr);
     let refused = stage.run(&["bench", "registration", "--data", ".", "--methods", "external"]);
     assert!(!refused.status.success(), "{}", refused.stderr);
+    stage.assert_nothing_left();
+}
+
+#[test]
+fn a_comparison_that_the_user_stops_leaves_nothing() {
+    let stage = Stage::new();
+    // Every answer is awaited for so long that there is time to stop it.
+    let settings = ["alignment.external.deadline_ms=1000"];
+    let Some(child) = start_comparison(&stage, "hang", &settings) else { return };
+    std::thread::sleep(Duration::from_secs(3));
+    signal(child.id(), "INT");
+    let finished = finish(child);
+    assert_eq!(finished.status.code(), Some(1), "{}", finished.stderr);
+    assert!(finished.stderr.contains("stopped before everything was measured"), "{}", finished.stderr);
     stage.assert_nothing_left();
 }

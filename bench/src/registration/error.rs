@@ -12,6 +12,9 @@ use mirador_core::slam6d::relaxation::RelaxationError;
 /// left out.
 #[derive(Debug, thiserror::Error)]
 pub enum RegistrationBenchError {
+    /// The user has stopped it.
+    #[error("stopped before everything was measured")]
+    Interrupted,
     /// An option is outside its range.
     #[error("option {field}: {reason}")]
     BadOption {

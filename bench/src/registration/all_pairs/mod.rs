@@ -132,7 +132,8 @@ pub fn is_data_set(folder: &std::path::Path) -> bool {
         && mirador_core::formats::list_scans(folder).is_ok_and(|scans| !scans.files.is_empty())
 }
 
-/// Measures the methods of `registry` on all pairs, and beside them one that is there already.
+/// Measures the methods of `registry` on all pairs, and beside them one that is there already, until all is measured or
+/// `is_stopped` says that the user does not want it any more.
 ///
 /// # Errors
 /// See [`RegistrationBenchError`].
@@ -140,6 +141,7 @@ pub fn run(
     options: &AllPairsOptions,
     registry: &Registry,
     another: Option<Box<dyn Registration>>,
+    is_stopped: &dyn Fn() -> bool,
     say: &mut dyn FnMut(&str),
 ) -> Result<AllPairs, RegistrationBenchError> {
     options.validate()?;
@@ -165,6 +167,9 @@ pub fn run(
         }
     }
     for (number, pair) in data.pairs.iter().enumerate() {
+        if is_stopped() {
+            return Err(RegistrationBenchError::Interrupted);
+        }
         if number % 50 == 0 {
             say(&format!("pair {} of {}", number + 1, data.pairs.len()));
         }

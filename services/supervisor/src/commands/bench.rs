@@ -71,7 +71,8 @@ fn all_pairs(common: &Common, args: &BenchRegistrationArgs, data: &Path, registr
     let (foreign, methods): (Vec<_>, Vec<_>) = args.methods.iter().cloned().partition(|name| name == EXTERNAL);
     let foreign = (!foreign.is_empty()).then(|| ForeignProgram::start(&graph, threads, registry)).transpose()?;
     // The program runs until all is measured.
-    let (_program, foreign) = foreign.unzip();
+    let (program, foreign) = foreign.unzip();
+    let is_stopped = || program.as_ref().is_some_and(ForeignProgram::is_stopped);
     let options = AllPairsOptions {
         data: data.to_path_buf(),
         truth: pairs.truth.clone(),
@@ -88,7 +89,8 @@ fn all_pairs(common: &Common, args: &BenchRegistrationArgs, data: &Path, registr
             eprintln!("{line}");
         }
     };
-    let result = registration::all_pairs::run(&options, registry, foreign, &mut say).map_err(usage_or_failure)?;
+    let result =
+        registration::all_pairs::run(&options, registry, foreign, &is_stopped, &mut say).map_err(usage_or_failure)?;
     keep(&result.report, args.json.as_deref())?;
     if let Some(path) = &pairs.html {
         let page = registration::all_pairs::page(&result)?;

@@ -21,10 +21,12 @@ const LOOK: Duration = Duration::from_millis(20);
 /// The program, looked after by a thread of its own: it is started again as its rule says. It ends when this is dropped, and
 /// leaves nothing.
 pub struct ForeignProgram {
-    stop: StopSignal,
+    /// The user wants no more.
+    user: StopSignal,
+    is_over: StopSignal,
     thread: Option<JoinHandle<()>>,
     // Dropped last: with it goes what the program has left.
-    _seat: Seat,
+    seat: Seat,
     _topics: Monitor,
 }
 
@@ -44,8 +46,8 @@ impl ForeignProgram {
         let domain = format!("bench-{:x}", std::process::id());
         let mut own = Graph { services: ServiceTables::default(), ..graph.clone() };
         (own.graph.domain, own.graph.max_points) = (domain.clone(), MOST_POINTS);
-        let stop = StopSignal::from_terminal().context("signals cannot be handled")?;
-        let seat = Seat::take(&own, &stop)?;
+        let user = StopSignal::from_terminal().context("signals cannot be handled")?;
+        let seat = Seat::take(&own, &user)?;
         let topics = Monitor::open(seat.participant()?)?;
         let run_dir = Domain::new(&domain)?.root().join("run");
         std::fs::create_dir_all(run_dir.join("logs"))
@@ -73,8 +75,8 @@ impl ForeignProgram {
             }
         };
         let thread = std::thread::Builder::new().name("program".into()).spawn(look_after)?;
-        let this = Self { stop: is_over, thread: Some(thread), _seat: seat, _topics: topics };
-        let method = ForeignRegistration::open(this._seat.participant()?, &graph.alignment, threads, registry);
+        let this = Self { user, is_over, thread: Some(thread), seat, _topics: topics };
+        let method = ForeignRegistration::open(this.seat.participant()?, &graph.alignment, threads, registry);
         match method {
             Ok(method) => Ok((this, Box::new(method))),
             Err(ServiceError::Config(why)) => Err(UsageError(why).into()),
@@ -86,9 +88,16 @@ impl ForeignProgram {
     }
 }
 
+impl ForeignProgram {
+    /// Whether the user wants no more.
+    pub fn is_stopped(&self) -> bool {
+        self.user.is_set()
+    }
+}
+
 impl Drop for ForeignProgram {
     fn drop(&mut self) {
-        self.stop.set();
+        self.is_over.set();
         if let Some(thread) = self.thread.take() {
             // With the thread ends the program. A panic of it has been told of by the standard hook.
             let _ = thread.join();
