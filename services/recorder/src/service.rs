@@ -95,8 +95,10 @@ fn record(
         if stopped.is_none() {
             pause = participant.wait(if is_planned { &ports_beside_a_plan } else { &ports }, HEARTBEAT);
         }
+        // Looked at once: who is to end has taken everything before he does.
+        let is_stopping = participant.stop().is_set();
         let ready = taps.iter().filter(|tap| tap.port().is_ready()).map(|tap| tap.topic());
-        let makes_way = is_planned && !courtesy.is_over(ready) && stopped.is_none();
+        let makes_way = is_planned && !is_stopping && !courtesy.is_over(ready);
         let (began, began_ns) = (Instant::now(), clock::monotonic_ns());
         let scan = recorder.ledger.finished();
         let mut received = 0;
@@ -122,7 +124,7 @@ fn record(
             health.finished(participant, finished, began.elapsed());
         }
         health.heartbeat(participant);
-        if participant.stop().is_set() {
+        if is_stopping {
             let since = *stopped.get_or_insert(began);
             if received == 0 || since.elapsed() > LAST_ORDERS {
                 break;
