@@ -17,7 +17,7 @@ use mirador_core::registration::{Limits, RegistrationConfig, Registry};
 use mirador_core::scan::{Point, ScanView};
 use mirador_ipc_schema::messages::{Envelope, Header, KeyframePoint, RegistrationRequestMeta, RegistrationResult};
 use mirador_ipc_schema::service::{HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{StopSignal, topics};
+use mirador_ipc_schema::{Domain, StopSignal, topics};
 use serde_json::Value;
 use support::observer::{Observer, kill_9};
 use support::{Finished, Stage, eventually, finish, signal, small_tour, summary};
@@ -404,7 +404,9 @@ fn a_comparison_that_the_user_stops_leaves_nothing() {
     // Every answer is awaited for so long that there is time to stop it.
     let settings = ["alignment.external.deadline_ms=1000"];
     let Some(child) = start_comparison(&stage, "hang", &settings) else { return };
-    std::thread::sleep(Duration::from_secs(3));
+    // The domain is taken after the handlers are there.
+    let domain = format!("bench-{:x}", child.id());
+    eventually("the comparison is under way", || Domain::existing().iter().any(|d| d.name() == domain));
     signal(child.id(), "INT");
     let finished = finish(child);
     assert_eq!(finished.status.code(), Some(1), "{}", finished.stderr);

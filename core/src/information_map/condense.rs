@@ -233,15 +233,15 @@ impl Frame {
         evidence.map_from_scanner = *map_from_scanner;
     }
 
-    /// One axis of a point's place: what its coordinates are multiplied by, and what is added. Heights are rounded, places
-    /// across are in the unit that contains them.
+    /// One axis of a point's place: what its coordinates are multiplied by, what is added, and what more so that it is
+    /// rounded. Heights are, places across are in the unit that contains them.
     #[inline(always)]
-    pub fn row(&self, axis: usize) -> ([f64; 3], f64) {
+    pub fn row(&self, axis: usize) -> ([f64; 3], f64, f64) {
         let (m, t) = (&self.linear, &self.offset);
         match axis {
-            0 => ([m.m11, m.m12, m.m13], t.x),
-            1 => ([m.m21, m.m22, m.m23], t.y),
-            _ => ([m.m31, m.m32, m.m33], t.z + 0.5),
+            0 => ([m.m11, m.m12, m.m13], t.x, 0.0),
+            1 => ([m.m21, m.m22, m.m23], t.y, 0.0),
+            _ => ([m.m31, m.m32, m.m33], t.z, 0.5),
         }
     }
 
@@ -250,8 +250,8 @@ impl Frame {
     pub fn exact(&self, point: &crate::scan::Point) -> [f64; 3] {
         let at = [f64::from(point.x), f64::from(point.y), f64::from(point.z)];
         [0, 1, 2].map(|axis| {
-            let (factors, offset) = self.row(axis);
-            factors.iter().zip(&at).map(|(f, x)| f * x).sum::<f64>() + offset
+            let (factors, offset, rounding) = self.row(axis);
+            factors.iter().zip(&at).map(|(f, x)| f * x).sum::<f64>() + offset + rounding
         })
     }
 

@@ -142,10 +142,10 @@ impl Given {
         let mut is_near = [1u32; WIDE];
         let limits = [f64::from(PLACE_LIMIT), f64::from(PLACE_LIMIT), f64::from(HEIGHT_LIMIT)];
         for axis in 0..3 {
-            let ([a, b, c], offset) = frame.row(axis);
+            let ([a, b, c], offset, rounding) = frame.row(axis);
             for k in 0..WIDE {
                 let (x, y, z) = (f64::from(self.at[0][k]), f64::from(self.at[1][k]), f64::from(self.at[2][k]));
-                let value = a * x + b * y + c * z + offset;
+                let value = a * x + b * y + c * z + offset + rounding;
                 is_near[k] &= u32::from(value.abs() < limits[axis]);
                 units[axis][k] = low_bits(value.floor());
             }

@@ -18,10 +18,10 @@ fn own_velocity(state: &State) -> (Vector3<f64>, Jacobian<3>) {
     (velocity, jacobian)
 }
 
-/// The velocity at which a robot on wheels slides while it turns on a slope, in its own frame [m/s]: downhill, as wheels that
-/// skid sideways to turn hold nothing. Dry friction opposes the whole of a wheel's motion over the ground: while that is mostly
-/// sideways, what is left to hold against the slope grows only with the speed of sliding (skid steering as in Mandow et al.
-/// 2007, on a slope).
+/// The velocity at which a robot on wheels slides while it turns on a slope, in its own frame [m/s]: downhill. Dry friction
+/// opposes the whole of a wheel's motion over the ground: while that is mostly sideways, as it is in turning, what is left to
+/// hold the robot on the slope grows only with the speed at which it slides. So it slides in proportion to turning speed and
+/// sine of the slope; by how much is measured on the simulated robot (0.6 m in a turn by 170 deg on 14.5 deg).
 fn sliding(state: &State, turning: f64, config: &LocalizationConfig) -> [f64; 2] {
     let up = state.rotation.inverse() * Vector3::z();
     let speed = config.wheels.turning_slide_m * turning.abs();

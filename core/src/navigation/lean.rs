@@ -11,14 +11,15 @@ use crate::geometry::Pose;
 /// [deg].
 const MORE_DEG: f64 = 8.0;
 const LEANING_DEG: f64 = 13.0;
-/// One that leaned more than this before has less left: by this share of what is above, up to 15 degrees [deg].
-const STEEP_DEG: f64 = 5.0;
-const LESS: f64 = 0.4;
 /// The same for one that drives: more than at its best over the last stretch of the way [deg, m]. Slopes that are planned on
 /// come more slowly.
 const DRIVING_MORE_DEG: f64 = 9.0;
 const DRIVING_LEANING_DEG: f64 = 18.0;
 const STRETCH_M: f64 = 0.5;
+/// Either has less left when it leaned more than this before: by this share of what is above, up to so much [deg].
+const STEEP_DEG: f64 = 5.0;
+const STEEPEST_DEG: f64 = 15.0;
+const LESS: f64 = 0.4;
 /// The way is noted this finely [m].
 const NOTE_M: f64 = 0.02;
 /// Where it leans forwards or backwards by this share it does not turn back, by which its nose or tail would slide down further.
@@ -111,7 +112,7 @@ impl LeanWatch {
 
 /// By how much less a robot may lean on top of what it leaned before [deg].
 fn less_deg(before_deg: f64) -> f64 {
-    LESS * (before_deg - STEEP_DEG).clamp(0.0, 10.0)
+    LESS * (before_deg.clamp(STEEP_DEG, STEEPEST_DEG) - STEEP_DEG)
 }
 
 /// The place so far from the robot's middle on the side to which it leans [m, robot frame].

@@ -144,11 +144,12 @@ impl<'a> Alignment<'a> {
         if config.is_external() {
             let tally = Tally::new(method.name());
             let link = Link::open(participant, config.external.deadline_ms)?;
-            wait_for_foreign(participant, config, &link, &mut health);
-            let (acceptance, final_pair_distance_m) =
-                (config.sequential.acceptance, config.method.final_pair_distance_m);
-            let rules = Rules { acceptance, final_pair_distance_m };
-            method = Box::new(External::new(method, link, tally.clone(), rules));
+            health.message("waiting for the external registration");
+            // Once: later its absence is no reason to wait.
+            if !link.wait_for_somebody(config.external.patience(), || health.heartbeat(participant)) {
+                tracing::warn!(waited_ms = config.external.start_timeout_ms, "no external registration has come");
+            }
+            method = Box::new(External::new(method, link, tally.clone(), Rules::of(config)));
             external = Some(Foreign { tally, status: participant.publisher()? });
         }
         health.message("going on from old scans");
@@ -366,20 +367,6 @@ impl<'a> Alignment<'a> {
             last: &self.last,
         };
         Ok(self.store.save(&entries, progress)?)
-    }
-}
-
-/// Waits for a foreign registration to be there, once: later its absence is no reason to wait.
-fn wait_for_foreign(participant: &Participant, config: &AlignmentConfig, link: &Link, health: &mut HealthReporter) {
-    let (begin, patience) = (Instant::now(), Duration::from_millis(config.external.start_timeout_ms.into()));
-    health.message("waiting for the external registration");
-    while !link.is_answered() && !participant.stop().is_set() {
-        if begin.elapsed() >= patience {
-            tracing::warn!(waited_ms = config.external.start_timeout_ms, "no external registration has come");
-            return;
-        }
-        link.wait_for_somebody();
-        health.heartbeat(participant);
     }
 }
 

@@ -153,3 +153,39 @@ fn a_disk_that_is_full_ends_the_service_with_an_error_that_names_the_file() {
     assert!(error.to_string().contains("run.mcap"), "{error}");
     let _ = setup.domain.remove_all();
 }
+
+#[test]
+fn what_waits_for_a_plan_is_recorded_when_the_recorder_is_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let domain = format!("rech{}", std::process::id());
+    let setup = setup(folder.path(), &domain, 0);
+    let stop = setup.stop.clone();
+    let served = setup.clone();
+    let service = std::thread::spawn(move || run(&served, &RecorderConfig::default()));
+    let peer =
+        Participant::join(setup.domain.clone(), "peer", 0, setup.sizes, Wake::Event, StopSignal::default()).unwrap();
+    // The graph plans, so that a scan waits for its plan.
+    let planner = ServiceHealth { service: text::pack("planning"), state: 1, ..ServiceHealth::default() };
+    let reports = peer.publisher::<topics::ServiceHealth>().unwrap();
+    let health = peer.subscriber::<topics::ServiceHealth>().unwrap();
+    let began = Instant::now();
+    let mut is_running = false;
+    while !is_running {
+        while let Some(message) = health.receive().unwrap() {
+            is_running |= message.items()[0].state == mirador_ipc_schema::messages::SERVICE_RUNNING
+                && text::unpack(&message.items()[0].service) == "recorder";
+        }
+        assert!(began.elapsed() < Duration::from_secs(20), "the recorder does not begin");
+        peer.wait(&[&health], HEARTBEAT);
+    }
+    reports.send_one(Envelope { header: header(0, 0) }, planner).unwrap();
+    std::thread::sleep(3 * HEARTBEAT);
+    let scans = peer.publisher::<topics::Scan>().unwrap();
+    scans.send_copy(scan(0, 0), &points(0, 500)).unwrap();
+    stop.set();
+    service.join().unwrap().unwrap();
+    let reader = RunReader::open(&folder.path().join(RUN_FILE)).unwrap();
+    assert_eq!(reader.count::<topics::Scan>(), 1);
+    drop((reports, health, scans, peer));
+    setup.domain.remove_all().unwrap();
+}

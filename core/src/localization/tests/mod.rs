@@ -107,3 +107,35 @@ fn a_robot_that_gets_on_is_not_taken_for_one_that_is_stuck() {
         assert!(ride.driven > 20.0 && slips == 0, "{world}: {slips} pieces over {} m", ride.driven);
     }
 }
+
+/// An even slope of 14 deg along x.
+const SLOPE: &str = r#"
+name = "slope"
+[area]
+x_m = [-10, 10]
+y_m = [-10, 10]
+[start]
+x_m = 0
+y_m = 0
+[terrain]
+margin_m = 5
+slope_x_deg = 14
+"#;
+
+#[test]
+fn a_robot_that_turns_on_a_slope_knows_that_it_slides_downhill() {
+    let turned = |turning_slide_m: f64| {
+        let scene = Scene::from_toml(SLOPE, "slope.toml").unwrap();
+        let mut ride = Ride::new(scene, 5, |config| config.wheels.turning_slide_m = turning_slide_m);
+        // Only what wheels and gyroscopes say.
+        ride.tamper = Some(Box::new(|readings| readings.gnss.clear()));
+        ride.scan(3.0);
+        let from = ride.truth().pose.translation.x;
+        ride.go(-0.4, 0.4, 6.0);
+        (ride.truth().pose.translation.x - from, size(&ride.off()).0)
+    };
+    let (slid, metres) = turned(super::LocalizationConfig::default().wheels.turning_slide_m);
+    assert!(slid < -0.2, "it slides: {slid} m");
+    let (_, unaware) = turned(0.0);
+    assert!(metres < 0.6 * unaware, "{metres} m, {unaware} m without");
+}

@@ -1,8 +1,6 @@
 //! A foreign registration without the service around it, to be measured beside others: at what it does not answer well it has
 //! failed, and nobody takes its place.
 
-use std::time::{Duration, Instant};
-
 use mirador_core::geometry::Pose;
 use mirador_core::registration::{
     AlignError, Alignment, Limits, PrepareError, PreparedScan, Registration, RegistrationConfig, Registry,
@@ -36,19 +34,11 @@ impl ForeignRegistration {
         let fallback = fallback.map_err(|e| ServiceError::Config(format!("alignment.external.fallback: {e}")))?;
         let tally = Tally::new(fallback.name());
         let link = Link::open(participant, config.external.deadline_ms)?;
-        let (begin, patience) = (Instant::now(), Duration::from_millis(config.external.start_timeout_ms.into()));
-        while !link.is_answered() {
-            if participant.stop().is_set() || begin.elapsed() >= patience {
-                let ms = config.external.start_timeout_ms;
-                return Err(ServiceError::Work(format!("no external registration has come within {ms} ms")));
-            }
-            link.wait_for_somebody();
+        if !link.wait_for_somebody(config.external.patience(), || ()) {
+            let ms = config.external.start_timeout_ms;
+            return Err(ServiceError::Work(format!("no external registration has come within {ms} ms")));
         }
-        let rules = Rules {
-            acceptance: config.sequential.acceptance,
-            final_pair_distance_m: config.method.final_pair_distance_m,
-        };
-        Ok(Self { external: External::new(fallback, link, tally.clone(), rules), tally })
+        Ok(Self { external: External::new(fallback, link, tally.clone(), Rules::of(config)), tally })
     }
 }
 

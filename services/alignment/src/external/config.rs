@@ -1,5 +1,7 @@
 //! Whom to ask, and how long to wait.
 
+use std::time::Duration;
+
 use mirador_core::registration::ConfigError;
 use serde::{Deserialize, Serialize};
 
@@ -25,6 +27,11 @@ impl Default for ExternalConfig {
 }
 
 impl ExternalConfig {
+    /// How long the process is waited for at the start.
+    pub(crate) fn patience(&self) -> Duration {
+        Duration::from_millis(self.start_timeout_ms.into())
+    }
+
     /// Checks every value but the names.
     ///
     /// # Errors

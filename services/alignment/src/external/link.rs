@@ -67,10 +67,19 @@ impl Link {
         self.results.publishers() > 0
     }
 
-    /// Serves whoever comes late, and waits a moment.
-    pub fn wait_for_somebody(&self) {
-        self.requests.serve_late_joiners();
-        self.waiter.wait(&[&self.results], LOOK);
+    /// Waits until somebody is there to answer, serves whoever comes late, and calls `meanwhile` between. Whether somebody is
+    /// there; nobody when the time is over or the process should end.
+    pub fn wait_for_somebody(&self, patience: Duration, mut meanwhile: impl FnMut()) -> bool {
+        let begin = Instant::now();
+        while !self.is_answered() {
+            if self.waiter.stop().is_set() || begin.elapsed() >= patience {
+                return false;
+            }
+            self.requests.serve_late_joiners();
+            self.waiter.wait(&[&self.results], LOOK);
+            meanwhile();
+        }
+        true
     }
 
     /// Asks, unless there is nobody to ask or it has failed too often; `meanwhile` is done while the answer is awaited.

@@ -25,6 +25,7 @@ pub use fault::FAULT_WORDS;
 pub(crate) use link::Link;
 pub(crate) use tally::{About, Tally};
 
+use crate::AlignmentConfig;
 use fault::Fault;
 use link::Question;
 
@@ -56,6 +57,13 @@ pub(crate) struct Rules {
     pub acceptance: AcceptanceConfig,
     /// The farthest partner of a point once the alignment has settled [m].
     pub final_pair_distance_m: f64,
+}
+
+impl Rules {
+    /// Those of the service's settings.
+    pub fn of(config: &AlignmentConfig) -> Self {
+        Self { acceptance: config.sequential.acceptance, final_pair_distance_m: config.method.final_pair_distance_m }
+    }
 }
 
 impl External {

@@ -168,9 +168,6 @@ pub enum Command {
         /// Process id of the supervisor.
         #[arg(long)]
         parent: i32,
-        /// As in nice(1).
-        #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-        nice: i32,
         /// The program and its arguments.
         #[arg(trailing_var_arg = true, required = true)]
         command: Vec<String>,

@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Context, Result, anyhow};
 use mirador_alignment::{EXTERNAL, ForeignRegistration};
+use mirador_bench::registration::RegistrationBenchError;
 use mirador_core::registration::Registration;
 use mirador_ipc_schema::{Domain, StopSignal};
 use mirador_service_common::ServiceError;
@@ -25,9 +26,10 @@ pub struct ForeignProgram {
     user: StopSignal,
     is_over: StopSignal,
     thread: Option<JoinHandle<()>>,
-    // Dropped last: with it goes what the program has left.
-    seat: Seat,
+    /// Keeps every topic alive.
     _topics: Monitor,
+    /// Given up last: with it goes what the program has left.
+    seat: Seat,
 }
 
 impl ForeignProgram {
@@ -75,20 +77,19 @@ impl ForeignProgram {
             }
         };
         let thread = std::thread::Builder::new().name("program".into()).spawn(look_after)?;
-        let this = Self { user, is_over, thread: Some(thread), seat, _topics: topics };
+        let this = Self { user, is_over, thread: Some(thread), _topics: topics, seat };
         let method = ForeignRegistration::open(this.seat.participant()?, &graph.alignment, threads, registry);
         match method {
             Ok(method) => Ok((this, Box::new(method))),
             Err(ServiceError::Config(why)) => Err(UsageError(why).into()),
+            Err(_) if this.is_stopped() => Err(RegistrationBenchError::Interrupted.into()),
             Err(error) => match last_line(&log) {
                 Some(said) => Err(anyhow!("{error}; {name} said: {said}")),
                 None => Err(error.into()),
             },
         }
     }
-}
 
-impl ForeignProgram {
     /// Whether the user wants no more.
     pub fn is_stopped(&self) -> bool {
         self.user.is_set()

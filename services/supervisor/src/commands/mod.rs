@@ -62,8 +62,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
         }
         Some(Command::Doctor { fix }) => doctor::doctor(common, fix),
         Some(Command::Experiment(args)) => experiment::experiment(common, &args),
-        Some(Command::ExecChild { parent, nice, command }) => {
-            supervise::be_nice(nice);
+        Some(Command::ExecChild { parent, command }) => {
             supervise::exec_child(parent, &command)?;
             Ok(EXIT_DONE)
         }

@@ -10,7 +10,7 @@ use mirador_service_common::ServiceError;
 use super::session::load_graph;
 use crate::cli::{Common, RunArgs};
 use crate::graph::{Graph, SERVICES, ServiceEntry};
-use crate::supervise::{be_nice, die_with_parent, pin_to};
+use crate::supervise::{die_with_parent, pin_to};
 use crate::{EXIT_DONE, Registry, UsageError};
 
 /// Cells of a full scan of the default scanner: the slot size where nothing else says it.
@@ -26,7 +26,6 @@ pub fn run_service(common: &Common, args: &RunArgs, registry: &Registry) -> Resu
     let graph = load_graph(common, None, registry)?;
     let entry = entry_of(&graph, &args.service)?;
     pin_to(&entry.cores)?;
-    be_nice(entry.nice);
     let run_dir = common.out.clone().unwrap_or_else(|| PathBuf::from("mirador-out"));
     let points = if graph.graph.max_points == 0 { DEFAULT_POINTS } else { graph.graph.max_points };
     let setup = ServiceSetup {

@@ -181,9 +181,6 @@ fn check_entry(entry: &ServiceEntry) -> Result<(), (&'static str, String)> {
     if entry.threads == 0 || entry.threads > 256 {
         return Err(("threads", format!("{} is outside 1 to 256", entry.threads)));
     }
-    if !(-20..=19).contains(&entry.nice) {
-        return Err(("nice", format!("{} is outside -20 to 19", entry.nice)));
-    }
     // Services report every 50 ms; nobody is held up for less than a few times that.
     if entry.health_timeout_ms != 0 && !(200..=3_600_000).contains(&entry.health_timeout_ms) {
         let message = format!("{} is neither 0 (never) nor between 200 and 3,600,000", entry.health_timeout_ms);

@@ -182,8 +182,6 @@ pub struct ServiceEntry {
     pub cores: Vec<usize>,
     /// Worker threads.
     pub threads: usize,
-    /// How readily it leaves its core to others, as in nice(1): 19 most, 0 as usual; below 0 needs a permission.
-    pub nice: i32,
     /// What happens when it ends by itself.
     pub restart: RestartPolicy,
     /// Most restarts within a minute; one more ends the run.
@@ -202,7 +200,6 @@ impl Default for ServiceEntry {
             command: Vec::new(),
             cores: Vec::new(),
             threads: 1,
-            nice: 0,
             restart: RestartPolicy::OnFailure,
             max_restarts: 5,
             health_timeout_ms: 0,

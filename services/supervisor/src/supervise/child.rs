@@ -46,7 +46,7 @@ impl Launch {
             command.args(["--incarnation", &incarnation.to_string(), "--run", &self.run.to_string()]);
             command.args(&self.common);
         } else {
-            command.args(["exec-child", "--parent", &parent, "--nice", &self.entry.nice.to_string()]);
+            command.args(["exec-child", "--parent", &parent]);
             if !self.entry.cores.is_empty() {
                 let cores: Vec<String> = self.entry.cores.iter().map(usize::to_string).collect();
                 command.args(["--cores", &cores.join(",")]);

@@ -8,6 +8,6 @@ mod run;
 
 pub use child::{Launch, Supervised, last_line};
 pub use monitor::Monitor;
-pub use process::{be_nice, die_with_parent, exec_child, pin_to};
+pub use process::{die_with_parent, exec_child, pin_to};
 pub use registration::RegistrationTally;
 pub use run::{Ended, RunOutcome, RunPlan, Seat, check_slots, run};

@@ -4,7 +4,7 @@ use std::os::unix::process::CommandExt;
 use std::process::Command;
 
 use anyhow::{Result, anyhow, bail};
-use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal, setpriority_process};
+use rustix::process::{Pid, Signal, getppid, set_parent_process_death_signal};
 use rustix::thread::{CpuSet, sched_setaffinity};
 
 /// Lets this process be asked to end when its parent dies, by whatever cause.
@@ -41,16 +41,6 @@ pub fn pin_to(cores: &[usize]) -> Result<()> {
         sched_setaffinity(None, &set)?;
     }
     Ok(())
-}
-
-/// Lets this process, and the threads it will have, leave the cores to others as nice(1) would. A refusal is no reason not
-/// to work.
-pub fn be_nice(nice: i32) {
-    if nice != 0
-        && let Err(error) = setpriority_process(None, nice)
-    {
-        tracing::warn!(nice, %error, "the priority cannot be set; going on with the usual one");
-    }
 }
 
 /// Becomes the program `command` after [`die_with_parent`]: how foreign programs are started.
