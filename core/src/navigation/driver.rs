@@ -1,6 +1,6 @@
 //! Drives one path, until the robot has arrived or the target is given up.
 
-use nalgebra::{Point3, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 
 use super::config::NavigationConfig;
 use super::drive::{Drive, DriveState, RobotNow};
@@ -22,47 +22,43 @@ const CAREFUL_SPEED: f64 = 0.2;
 const STOPPED_M: f64 = 0.05;
 /// Leaning so much more than when the ground began to look as if it fell away is proof that it does [deg].
 const EDGE_TILT_DEG: f64 = 4.0;
-/// From an edge it goes back until it leans by less than this, so far at most and at least [deg, m].
-const LEVEL_DEG: f64 = 10.0;
-const LEAN_BACK_M: [f64; 2] = [0.3, 2.0];
-/// Turning back from an edge [rad/s].
-const TURN_BACK_SPEED: f64 = 0.4;
 /// How long a lost localisation is waited for [s].
 const LOST_S: f64 = 3.0;
 
 /// Follows one path.
 #[derive(Debug, Clone)]
 pub struct Driver {
-    path: Path,
-    pursuit: Pursuit,
+    pub(super) path: Path,
+    pub(super) pursuit: Pursuit,
     state: DriveState,
     /// Since when the state holds, and the path is driven.
-    since_ns: Option<i64>,
+    pub(super) since_ns: Option<i64>,
     begun_ns: Option<i64>,
     last_ns: Option<i64>,
     speed: f64,
     at: Option<Vector2<f64>>,
     driven: f64,
     progress: Progress,
-    trail: Trail,
-    attempts: u32,
+    pub(super) trail: Trail,
+    pub(super) attempts: u32,
     /// How far it is to back up, and still has to [m].
-    back_whole: f64,
-    back_left: f64,
+    pub(super) back_whole: f64,
+    pub(super) back_left: f64,
     /// Way driven since the ground began to look as if it fell away [m], and how far the robot leant then [deg].
-    falling: f64,
+    pub(super) falling: f64,
     tilt_before_deg: f64,
-    lean: LeanWatch,
-    has_leant: bool,
+    pub(super) lean: LeanWatch,
+    /// It gets away from an edge; after that the target is given up.
+    pub(super) leaves_edge: bool,
     /// It gets away forwards: its tail hangs over an edge.
-    goes_ahead: bool,
+    pub(super) goes_ahead: bool,
     healthy_since_ns: Option<i64>,
     ahead: Vec<Vector2<f64>>,
     /// What was asked of the drives last: forward and turning speed.
     asked: [f64; 2],
     /// Where something held it when it last backed up.
-    held: Option<Obstruction>,
-    obstruction: Option<Obstruction>,
+    pub(super) held: Option<Obstruction>,
+    pub(super) obstruction: Option<Obstruction>,
 }
 
 impl Driver {
@@ -87,7 +83,7 @@ impl Driver {
             falling: 0.0,
             tilt_before_deg: 0.0,
             lean: LeanWatch::default(),
-            has_leant: false,
+            leaves_edge: false,
             goes_ahead: false,
             healthy_since_ns: None,
             ahead: Vec::new(),
@@ -97,9 +93,17 @@ impl Driver {
         }
     }
 
-    /// The map has moved under the path.
+    /// The same for a robot that has been driven before: it knows the way that it has come.
+    #[must_use]
+    pub fn after(before: Option<&Self>, path: Path) -> Self {
+        let trail = before.map(|driver| driver.trail.clone()).unwrap_or_default();
+        Self { trail, ..Self::new(path) }
+    }
+
+    /// The map has moved under the path, and under the way that the robot has come.
     pub fn move_path(&mut self, new_from_old: &Pose) {
         self.path.move_by(new_from_old);
+        self.trail.move_by(new_from_old);
     }
 
     /// The path.
@@ -161,6 +165,10 @@ impl Driver {
 
     fn pass_time(&mut self, now: &RobotNow) -> f64 {
         let step = self.last_ns.map_or(0.0, |last| seconds(last, now.stamp_ns)).clamp(0.0, LONGEST_STEP_S);
+        if self.last_ns.is_none() {
+            self.trail.carry_on(&now.map_from_robot);
+        }
+        self.trail.stand(&now.map_from_robot);
         self.last_ns = Some(now.stamp_ns);
         self.begun_ns = self.begun_ns.or(Some(now.stamp_ns));
         let at = place(&now.map_from_robot);
@@ -219,7 +227,7 @@ impl Driver {
             let since = *self.healthy_since_ns.get_or_insert(now.stamp_ns);
             let settled = self.state != DriveState::Waiting || seconds(since, now.stamp_ns) >= config.watch.settle_s;
             if settled && self.state == DriveState::Waiting {
-                self.enter(now, DriveState::Driving);
+                self.enter(now, if self.leaves_edge { DriveState::Recovering } else { DriveState::Driving });
             }
             return !settled;
         }
@@ -310,64 +318,6 @@ impl Driver {
         [0.0; 2]
     }
 
-    fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
-        // Over an edge it must not stay, however often it has backed up.
-        self.has_leant |= self.lean.is_over_an_edge();
-        if self.attempts >= config.recovery.attempts && !self.lean.is_over_an_edge() {
-            return self.give_up(now, reason, config);
-        }
-        self.attempts += 1;
-        self.held = self.obstruction_by(now, &reason, config).or(self.held);
-        self.goes_ahead = self.lean.straight_away() == Some(1.0);
-        self.back_whole = if self.has_leant && !self.goes_ahead { LEAN_BACK_M[1] } else { config.recovery.back_up_m };
-        self.back_left = self.back_whole;
-        self.enter(now, DriveState::Recovering);
-        [0.0; 2]
-    }
-
-    fn back_up(&mut self, now: &RobotNow, step: f64, around: &Surroundings, config: &NavigationConfig) -> [f64; 2] {
-        let recovery = &config.recovery;
-        if let Some(way) = self.lean.way_back(&now.map_from_robot) {
-            self.since_ns = Some(now.stamp_ns);
-            return [0.0, way * TURN_BACK_SPEED.min(config.follow.max_turn)];
-        }
-        self.back_left -= step * now.linear.abs();
-        let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
-        let is_late = waited > 3.0 * self.back_whole / recovery.back_up_speed + 1.0;
-        let is_level = self.has_leant
-            && self.back_whole - self.back_left > LEAN_BACK_M[0]
-            && tilt(&now.map_from_robot).to_degrees() < LEVEL_DEG;
-        let is_blocked = self.escape_gap(now, around, config) < config.obstacles.stop_gap_m;
-        if self.back_left <= 0.0 || is_level || is_late || is_blocked {
-            // What it has come back over is before it again.
-            self.pursuit.go_back(recovery.back_up_m);
-            self.falling = 0.0;
-            if self.has_leant {
-                // The path leads along the edge; the map learns where that is.
-                self.obstruction = self.held;
-                self.enter(now, DriveState::GaveUp(GiveUp::Edge));
-            } else {
-                self.enter(now, DriveState::Driving);
-            }
-            return [0.0; 2];
-        }
-        if self.goes_ahead {
-            return [recovery.back_up_speed, 0.0];
-        }
-        let linear = -recovery.back_up_speed;
-        [linear, linear * self.trail.back(&now.map_from_robot)]
-    }
-
-    /// Free way where it gets away to [m].
-    fn escape_gap(&self, now: &RobotNow, around: &Surroundings, config: &NavigationConfig) -> f64 {
-        if !self.goes_ahead {
-            return around.gap_behind(now.stamp_ns, &config.obstacles);
-        }
-        let pose = &now.map_from_robot;
-        let ahead = (pose * Point3::new(config.obstacles.slow_gap_m, 0.0, 0.0)).coords.xy();
-        around.way(now.stamp_ns, pose, &[place(pose), ahead], &self.path, self.pursuit.along, &config.obstacles).gap
-    }
-
     /// Speeds by the aim, what is around, and what the drives can.
     fn command(&self, aim: &Aim, way: &Way, step: f64, config: &NavigationConfig) -> [f64; 2] {
         let follow = &config.follow;
@@ -383,14 +333,19 @@ impl Driver {
         [linear, angular]
     }
 
-    fn give_up(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
+    pub(super) fn give_up(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
         // What it backed up from is still there when it is given up for something else.
         self.obstruction = self.obstruction_by(now, &reason, config).or(self.held);
         self.enter(now, DriveState::GaveUp(reason));
         [0.0; 2]
     }
 
-    fn obstruction_by(&self, now: &RobotNow, reason: &GiveUp, config: &NavigationConfig) -> Option<Obstruction> {
+    pub(super) fn obstruction_by(
+        &self,
+        now: &RobotNow,
+        reason: &GiveUp,
+        config: &NavigationConfig,
+    ) -> Option<Obstruction> {
         let contact = if self.lean.is_over_an_edge() {
             downhill(&now.map_from_robot, config.obstacles.half_length_m)
         } else {
@@ -400,21 +355,21 @@ impl Driver {
         Some(Obstruction { centre, radius_m: config.recovery.obstruction_radius_m })
     }
 
-    fn enter(&mut self, now: &RobotNow, state: DriveState) {
+    pub(super) fn enter(&mut self, now: &RobotNow, state: DriveState) {
         self.state = state;
         self.since_ns = Some(now.stamp_ns);
         self.progress.restart();
     }
 }
 
-fn place(pose: &Pose) -> Vector2<f64> {
+pub(super) fn place(pose: &Pose) -> Vector2<f64> {
     Vector2::new(pose.translation.x, pose.translation.y)
 }
 
-fn tilt(pose: &Pose) -> f64 {
+pub(super) fn tilt(pose: &Pose) -> f64 {
     (pose.rotation * Vector3::z()).z.clamp(-1.0, 1.0).acos()
 }
 
-fn seconds(from_ns: i64, to_ns: i64) -> f64 {
+pub(super) fn seconds(from_ns: i64, to_ns: i64) -> f64 {
     to_ns.saturating_sub(from_ns) as f64 * 1e-9
 }

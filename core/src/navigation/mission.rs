@@ -320,7 +320,7 @@ impl Mission {
         (self.last_give_up, self.planned_scans) = (None, scan.saturating_add(1));
         match Path::new(&waypoints) {
             Ok(path) => {
-                let mut driver = Driver::new(path);
+                let mut driver = Driver::after(self.driver.as_ref(), path);
                 if let Some((_, new_from_old)) = self.planned.moved.take_if(|(of, _)| *of == scan) {
                     driver.move_path(&new_from_old);
                 }

@@ -16,6 +16,7 @@ mod obstacles;
 mod path;
 mod progress;
 mod pursuit;
+mod recover;
 #[cfg(test)]
 mod tests;
 mod watch;

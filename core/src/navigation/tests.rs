@@ -62,8 +62,18 @@ fn drive_until(
     config: &NavigationConfig,
     blocked_x: f64,
 ) -> Outcome {
-    let path = Path::new(waypoints).unwrap();
-    let mut driver = Driver::new(path.clone());
+    let mut driver = Driver::new(Path::new(waypoints).unwrap());
+    drive_on(ride, &mut driver, by_filter, config, blocked_x)
+}
+
+fn drive_on(
+    ride: &mut Ride,
+    driver: &mut Driver,
+    by_filter: bool,
+    config: &NavigationConfig,
+    blocked_x: f64,
+) -> Outcome {
+    let path = driver.path().clone();
     let mut around = Surroundings::default();
     let mut command = [0.0; 2];
     let mut off = 0.0_f64;
@@ -151,6 +161,30 @@ fn a_box_that_the_planner_did_not_know_of_stops_the_robot_short_of_it() {
         // The box begins at 3.7 m, the robot's front is 0.52 m ahead of its middle.
         assert!(outcome.at[0] > 2.0 && outcome.at[0] < 3.7 - 0.52 - 0.1, "{outcome:?}");
     }
+}
+
+#[test]
+fn a_robot_that_gives_up_at_an_edge_first_goes_back_to_where_it_can_turn() {
+    let edge =
+        "[terrain]\nheights = { file = \"edge.txt\", cell_m = 0.25, x_m = -8, y_m = -8, low_m = 0, high_m = 1 }\n";
+    let dir = tempfile::tempdir().unwrap();
+    let row: String = (0..65).map(|k| if k <= 48 { "0 " } else { "-1.5 " }).collect();
+    std::fs::write(dir.path().join("edge.txt"), format!("{row}\n").repeat(65)).unwrap();
+    let world = dir.path().join("edge.toml");
+    let head = "name = \"t\"\nstart = { x_m = 0, y_m = 0 }\narea = { x_m = [-7, 7], y_m = [-7, 7] }\n";
+    std::fs::write(&world, format!("{head}{edge}")).unwrap();
+    let mut ride = Ride::new(Scene::load(&world).unwrap(), 3, |_| {});
+    ride.go(0.0, 0.0, 1.0);
+    let config = NavigationConfig::default();
+    let mut driver = Driver::new(Path::new(&[[0.0; 3], [6.0, 0.0, 0.0]]).unwrap());
+    let outcome = drive_on(&mut ride, &mut driver, false, &config, f64::INFINITY);
+    // The ground falls away from x = 4 m on; the robot's corners are 0.67 m from its middle.
+    assert!(outcome.state == DriveState::GaveUp(GiveUp::Edge) && outcome.at[0] < 4.0 - 1.2, "{outcome:?}");
+    assert!(driver.take_obstruction().is_some());
+    let [x, y] = outcome.at;
+    let mut next = Driver::after(Some(&driver), Path::new(&[[x, y, 0.0], [x, y + 3.0, 0.0]]).unwrap());
+    let outcome = drive_on(&mut ride, &mut next, false, &config, f64::INFINITY);
+    assert!(outcome.state == DriveState::Arrived && outcome.off < 0.2, "{outcome:?}");
 }
 
 #[test]

@@ -1,0 +1,91 @@
+//! What a robot does that gets no further: it backs up the way it came. From an edge it goes so far that it can turn where it
+//! then stands, for the next path may begin with a turn, and a robot that turns swings its corners and slides.
+
+use nalgebra::Point3;
+
+use super::config::NavigationConfig;
+use super::drive::{DriveState, RobotNow};
+use super::driver::{Driver, place, seconds, tilt};
+use super::give_up::GiveUp;
+use super::obstacles::Surroundings;
+
+/// From an edge it goes back until it leans by less than this, so far at least and at most [deg, m].
+const LEVEL_DEG: f64 = 10.0;
+const EDGE_BACK_M: [f64; 2] = [1.0, 2.5];
+/// Turning back from an edge [rad/s].
+const TURN_BACK_SPEED: f64 = 0.4;
+
+impl Driver {
+    /// Gets back from what holds the robot, or gives the target up.
+    pub(super) fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
+        // At an edge it must not stay, however often it has backed up.
+        let is_over = self.lean.is_over_an_edge();
+        let is_last = self.attempts >= config.recovery.attempts;
+        self.leaves_edge |= is_over || (is_last && reason == GiveUp::Edge);
+        if is_last && !self.leaves_edge {
+            return self.give_up(now, reason, config);
+        }
+        self.attempts += 1;
+        self.held = self.obstruction_by(now, &reason, config).or(self.held);
+        self.goes_ahead = self.lean.straight_away() == Some(1.0);
+        let follows_trail = self.leaves_edge && !self.goes_ahead && self.trail.leads_back(&now.map_from_robot);
+        self.back_whole = if follows_trail { EDGE_BACK_M[1] } else { config.recovery.back_up_m };
+        self.back_left = self.back_whole;
+        self.enter(now, DriveState::Recovering);
+        [0.0; 2]
+    }
+
+    /// One step back.
+    pub(super) fn back_up(
+        &mut self,
+        now: &RobotNow,
+        step: f64,
+        around: &Surroundings,
+        config: &NavigationConfig,
+    ) -> [f64; 2] {
+        let recovery = &config.recovery;
+        if let Some(way) = self.lean.way_back(&now.map_from_robot) {
+            self.since_ns = Some(now.stamp_ns);
+            return [0.0, way * TURN_BACK_SPEED.min(config.follow.max_turn)];
+        }
+        self.back_left -= step * now.linear.abs();
+        let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
+        let is_late = waited > 3.0 * self.back_whole / recovery.back_up_speed + 1.0;
+        let is_level = self.leaves_edge
+            && self.back_whole - self.back_left > EDGE_BACK_M[0]
+            && tilt(&now.map_from_robot).to_degrees() < LEVEL_DEG;
+        let is_blocked = self.escape_gap(now, around, config) < config.obstacles.stop_gap_m;
+        if self.back_left <= 0.0 || is_level || is_late || is_blocked {
+            self.end_of_the_way_back(now, config);
+            return [0.0; 2];
+        }
+        if self.goes_ahead {
+            return [recovery.back_up_speed, 0.0];
+        }
+        let linear = -recovery.back_up_speed;
+        [linear, linear * self.trail.back(&now.map_from_robot)]
+    }
+
+    fn end_of_the_way_back(&mut self, now: &RobotNow, config: &NavigationConfig) {
+        // What it has come back over is before it again.
+        self.pursuit.go_back(config.recovery.back_up_m);
+        self.falling = 0.0;
+        if self.leaves_edge {
+            // The path leads along the edge; the map learns where that is.
+            self.obstruction = self.held;
+            self.enter(now, DriveState::GaveUp(GiveUp::Edge));
+        } else {
+            self.enter(now, DriveState::Driving);
+        }
+    }
+
+    /// Free way where it gets away to [m].
+    fn escape_gap(&self, now: &RobotNow, around: &Surroundings, config: &NavigationConfig) -> f64 {
+        if !self.goes_ahead {
+            return around.gap_behind(now.stamp_ns, &config.obstacles);
+        }
+        let pose = &now.map_from_robot;
+        let ahead = (pose * Point3::new(config.obstacles.slow_gap_m, 0.0, 0.0)).coords.xy();
+        around.way(now.stamp_ns, pose, &[place(pose), ahead], &self.path, self.pursuit.along, &config.obstacles).gap
+    }
+}
