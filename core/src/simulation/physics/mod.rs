@@ -25,10 +25,10 @@ use crate::geometry::Pose;
 const TIPPED_COS: f64 = 0.5;
 /// A robot that is asked to stand and in this time [s] moves and turns by less than this [m, rad] is parked: nothing moves
 /// until it is driven. Its brakes and the friction of its tyres would hold it for good; the solver, which knows the friction
-/// of moving bodies only, lets it tremble and creep on uneven slopes, by a few mm/s and mrad/s, which would distort every
+/// of moving bodies only, lets it tremble and creep on uneven slopes, by up to 5 mm/s and 12 mrad/s, which would distort every
 /// scan. A robot that slides is faster at once.
 const PARKED_AFTER_S: f64 = 0.25;
-const PARKED_WITHIN: f64 = 2.5e-3;
+const PARKED_WITHIN: f64 = 6e-3;
 
 /// The bodies of a world and its robots.
 pub struct Physics {

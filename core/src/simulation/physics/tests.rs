@@ -65,9 +65,10 @@ fn a_robot_that_stops_on_uneven_ground_comes_to_rest_within_two_seconds_and_then
         let mut physics = Physics::new(&world, &[robot], PhysicsConfig::default()).unwrap();
         physics.settle(5.0);
         assert!(physics.is_parked() && physics.time() == 0.0, "{name}");
-        for stop in 0..6 {
-            let turn = if stop % 2 == 0 { 0.25 } else { 0.0 };
-            physics.drive(0, 0.4 - turn, 0.4 + turn);
+        for stop in 0..40 {
+            // Ways and turns to both sides, on the spot too.
+            let (ahead, turn) = [(0.4, 0.25), (0.4, 0.0), (0.0, -0.4), (0.5, -0.1), (0.0, 0.4)][stop % 5];
+            physics.drive(0, ahead - turn, ahead + turn);
             run(&mut physics, 2.0);
             physics.drive(0, 0.0, 0.0);
             run(&mut physics, 2.0);
