@@ -162,6 +162,22 @@ pub enum Rejection {
         /// The share of points with a partner.
         overlap: f64,
     },
+    /// Registration has slid far along a direction that the scans hardly hold, in many steps.
+    #[error("registration slid by {slid_m:.2} m along a direction that the scans hardly hold")]
+    Slid {
+        /// How far from where the prior has it [m]; for rotations at the distance of the points.
+        slid_m: f64,
+    },
+    /// A refinement that overlaps no more than what it began from, or leads away from the prior.
+    #[error(
+        "overlap {overlap:.3} after {before:.3}, or farther from the prior than is likely: it stays where it was found"
+    )]
+    NoGain {
+        /// The share of points with a partner after it.
+        overlap: f64,
+        /// The same before it.
+        before: f64,
+    },
     /// The scan cannot be prepared: too little is left of it.
     #[error("the scan has {points} points after thinning; {required} are needed")]
     TooFewPoints {

@@ -34,9 +34,16 @@ impl SequentialAligner {
         let result = self.registration.align(scan, source, &start, &limits);
         let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
         let alignment = alignment.and_then(|mut alignment| {
-            let contradiction = self.weigh(&mut alignment, target);
+            let (slid_m, contradiction) = self.weigh(&mut alignment, target);
+            let second = self.second_look(&alignment, contradiction, attempt, source);
+            if second.is_ok() && slid_m > 0.0 && attempt.name != HypothesisName::Farther {
+                // Where registration has ended is not believed; what is left of it is, when nothing else fits.
+                hypothesis.rejected = Some(Rejection::Slid { slid_m });
+                self.note_held(attempt, alignment);
+                return None;
+            }
             hypothesis.result = alignment.target_from_source;
-            hypothesis.rejected = self.second_look(&alignment, contradiction, attempt, source).err();
+            hypothesis.rejected = second.err();
             hypothesis.rejected.is_none().then_some(alignment)
         });
         self.note_farthest(target, &hypothesis);
@@ -61,14 +68,15 @@ impl SequentialAligner {
         }
     }
 
-    /// Weighs an alignment with the prior if that came with a covariance. Where the two contradict each other: by how many
-    /// standard deviations.
-    fn weigh(&self, alignment: &mut Alignment, target: &TargetState) -> Option<f64> {
+    /// Weighs an alignment with the prior if that came with a covariance. How far it had slid and was taken back [m]; and where
+    /// the two contradict each other, by how many standard deviations.
+    fn weigh(&self, alignment: &mut Alignment, target: &TargetState) -> (f64, Option<f64>) {
         let gate = self.config.prior_gate_sigmas;
-        let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| gate > 0.0)?;
-        let expected = target.map_from_scanner.inverse() * self.guess_by_prior()?;
-        hold_weak_directions(alignment, &expected, &covariance);
-        weigh(alignment, &expected, &covariance, gate).err()
+        let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| gate > 0.0);
+        let Some((covariance, guess)) = covariance.zip(self.guess_by_prior()) else { return (0.0, None) };
+        let expected = target.map_from_scanner.inverse() * guess;
+        let slid_m = hold_weak_directions(alignment, &expected, &covariance);
+        (slid_m, weigh(alignment, &expected, &covariance, gate).err())
     }
 
     /// Weighs an alignment that overlaps little, contradicts the prior or went farther than allowed by evidence of its own. One
@@ -135,9 +143,10 @@ impl SequentialAligner {
 }
 
 /// Writes an accepted pair into the record.
-fn complete(record: &mut AlignmentRecord, target: &TargetState, alignment: Alignment) {
+pub(super) fn complete(record: &mut AlignmentRecord, target: &TargetState, alignment: Alignment) {
     record.target_id = Some(target.scan_id);
     record.map_from_scanner = normalised(target.map_from_scanner * alignment.target_from_source);
+    record.target_from_scanner = Some(alignment.target_from_source);
     // A perturbation of the target's pose seen from the source: exp(x) T = T exp(Ad(T^-1) x).
     let carried = adjoint(&alignment.target_from_source.inverse());
     record.covariance = carried * target.covariance * carried.transpose() + alignment.covariance;

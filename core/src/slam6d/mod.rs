@@ -13,6 +13,7 @@ mod distribution;
 mod errors;
 mod farther;
 pub mod global;
+mod held;
 mod older_scans;
 pub mod pose_graph;
 mod prior;

@@ -20,6 +20,8 @@ pub enum HypothesisName {
     ConstantMotionWide,
     /// The prior again, against an older scan near it, for a scan that does not fit the last accepted one.
     OlderScan,
+    /// Where an attempt had slid that fitted otherwise, taken back to the prior along what it had slid.
+    Held,
     /// Where an attempt ended that wanted to be farther from its start than allowed.
     Farther,
     /// Where it was found already, against its target and the accepted scans near it as one.
@@ -74,11 +76,13 @@ pub struct AlignmentRecord {
     pub method: String,
     /// The pose it came with, `map_from_scanner` by odometry.
     pub prior: Option<Pose>,
-    /// What was tried, in order; the last one was accepted when the status is `Aligned`. Start and result of each are seen
-    /// from the scan it was tried against: `target_id`, but for those of older scans that were not accepted.
+    /// What was tried, in order; when the status is `Aligned` the last one that was not rejected counts. Start and result of each
+    /// are seen from the scan it was tried against: `target_id`, but for those of older scans that were not accepted.
     pub hypotheses: Vec<Hypothesis>,
     /// The chosen pose.
     pub map_from_scanner: Pose,
+    /// Where the scan was taken as seen from `target_id`, as it was measured; `None` when it was not.
+    pub target_from_scanner: Option<Pose>,
     /// Covariance of `map_from_scanner`, the errors of all pairs on the way added up: 6x6, translation [m^2] before
     /// rotation [rad^2], perturbation on the right, in the scanner's frame. Zero for the first scan.
     pub covariance: Covariance,

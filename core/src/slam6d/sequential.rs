@@ -6,6 +6,7 @@ use nalgebra::Matrix6;
 
 use super::attempt::Attempt;
 use super::farther::Farthest;
+use super::held::Held;
 use super::older_scans::{NoOlderScans, OlderScans};
 use super::prior::{Prior, PriorFrame};
 use super::verifier::Verifier;
@@ -31,6 +32,7 @@ pub struct SequentialAligner {
     /// Of the scan that is being aligned.
     pub(super) prior: Option<Prior>,
     pub(super) farthest: Option<Farthest>,
+    pub(super) held: Option<Held>,
 }
 
 impl SequentialAligner {
@@ -54,6 +56,7 @@ impl SequentialAligner {
             verifier,
             prior: None,
             farthest: None,
+            held: None,
         })
     }
 
@@ -168,7 +171,7 @@ impl SequentialAligner {
         prior: Option<Prior>,
         older: &mut dyn OlderScans,
     ) -> AlignmentRecord {
-        (self.prior, self.farthest) = (prior, None);
+        (self.prior, self.farthest, self.held) = (prior, None, None);
         let mut record = self.blank_record(scan_id);
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
@@ -208,7 +211,7 @@ impl SequentialAligner {
             self.align(record, last, source)
                 || (self.guess_by_prior().is_some() && self.retry(record, name, &guess, older, source))
         };
-        accepted || (self.is_sure() && self.go_farther(record, last, older, source))
+        accepted || self.accept_held(record) || (self.is_sure() && self.go_farther(record, last, older, source))
     }
 
     /// The record of a scan of which only the guess is known.
@@ -221,6 +224,7 @@ impl SequentialAligner {
             prior: self.prior.map(|prior| prior.map_from_scanner),
             hypotheses: Vec::new(),
             map_from_scanner: self.guess(),
+            target_from_scanner: None,
             covariance: Matrix6::from_diagonal(&[metres, metres, metres, radians, radians, radians].into()),
             pair_covariance: None,
             overlap: 0.0,

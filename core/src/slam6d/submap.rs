@@ -4,7 +4,7 @@
 use super::attempt::Attempt;
 use super::older_scans::{Accepted, OlderScans};
 use super::sequential::SequentialAligner;
-use super::{AlignmentRecord, HypothesisName, TargetState};
+use super::{AlignmentRecord, HypothesisName, Rejection, TargetState};
 use crate::geometry::{Pose, log};
 use crate::registration::PreparedScan;
 use crate::scan::{Point, ScanView};
@@ -41,13 +41,17 @@ impl SequentialAligner {
         let (name, start) = (HypothesisName::Submap, target.map_from_scanner.inverse() * found);
         let attempt = Attempt { name, target, scan: &*together, start, pair_distance_m };
         let mut refined = record.clone();
-        let accepted = self.attempt(&mut refined, &attempt, source) && refined.overlap > record.overlap;
-        if accepted && self.strain(&refined) <= self.strain(record).max(MOST_STRAIN) {
+        let accepted = self.attempt(&mut refined, &attempt, source);
+        let gains = refined.overlap > record.overlap;
+        if accepted && gains && self.strain(&refined) <= self.strain(record).max(MOST_STRAIN) {
             *record = refined;
-        } else {
-            // What was tried is said all the same.
-            (record.hypotheses, record.iterations) = (refined.hypotheses, refined.iterations);
+            return;
         }
+        // What was tried is said all the same.
+        if let Some(tried) = refined.hypotheses.last_mut().filter(|_| accepted) {
+            tried.rejected = Some(Rejection::NoGain { overlap: refined.overlap, before: record.overlap });
+        }
+        (record.hypotheses, record.iterations) = (refined.hypotheses, refined.iterations);
     }
 
     /// How far a pose lies from where the prior has it, in standard deviations of the prior; 0 for a prior that does not say.

@@ -80,6 +80,7 @@ impl ContinuousAligner {
             prior,
             hypotheses: Vec::new(),
             map_from_scanner,
+            target_from_scanner: None,
             covariance: if is_tracked { pose } else { pose + self.guess_covariance() },
             pair_covariance: anchor.filter(|_| is_tracked).map(|_| pair),
             overlap: if is_tracked { frame.overlap } else { 0.0 },

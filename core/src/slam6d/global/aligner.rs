@@ -345,14 +345,15 @@ impl GlobalAligner {
     fn remember(&mut self, record: &AlignmentRecord) {
         let accepted = record.is_accepted();
         let target = record.target_id.and_then(|id| self.map.node_of(id)).map(|node| self.map.poses[node]);
-        let measured = record.hypotheses.last().filter(|_| accepted).map(|hypothesis| hypothesis.result);
         let entry = ScanEntry {
             scan_id: record.scan_id,
             map_from_scanner: record.map_from_scanner,
             covariance: record.pair_covariance.unwrap_or(record.covariance),
             is_node: accepted,
             target_id: record.target_id,
-            target_from_scanner: measured.or_else(|| Some(target?.inverse() * record.map_from_scanner)),
+            target_from_scanner: record
+                .target_from_scanner
+                .or_else(|| Some(target?.inverse() * record.map_from_scanner)),
         };
         let keyframe = self.sequential.keyframe().filter(|_| accepted).map(|target| Keyframe::new(target.points()));
         self.enter_keyframe(entry, keyframe);

@@ -5,8 +5,8 @@ use nalgebra::Vector3;
 use super::drifting::{block, method};
 use super::*;
 use crate::geometry::Covariance;
-use crate::registration::Limits;
 use crate::registration::test_scenes::scan_of;
+use crate::registration::{AlignError, Alignment, Limits, PrepareError, PreparedScan, Registration};
 use crate::slam6d::{HypothesisName, Prior, PriorFrame};
 
 /// What a scanner sees of the block from a corner of the street, within `half_angle` of a heading.
@@ -165,4 +165,51 @@ fn a_scan_that_overlaps_little_is_aligned_once_more_to_those_that_fit_its_target
     };
     assert_eq!((refined(&alone), refined(&together) > 0), (0, true));
     assert!(together[3].overlap >= alone[3].overlap && error < 0.03, "{error}");
+}
+
+/// A method that is led astray by more points than one scan has.
+struct Astray(Box<dyn Registration>, usize);
+
+impl Registration for Astray {
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    fn prepare(&self, scan: ScanView<'_>) -> Result<Box<dyn PreparedScan>, PrepareError> {
+        self.0.prepare(scan)
+    }
+
+    fn align(
+        &mut self,
+        target: &dyn PreparedScan,
+        source: &dyn PreparedScan,
+        start: &Pose,
+        limits: &Limits,
+    ) -> Result<Alignment, AlignError> {
+        let mut alignment = self.0.align(target, source, start, limits)?;
+        if target.points().len() > self.1 {
+            alignment.target_from_source *= Pose::translation(0.45, 0.0, 0.0);
+        }
+        Ok(alignment)
+    }
+}
+
+#[test]
+fn a_refinement_that_leads_away_from_the_prior_leaves_the_scan_and_its_pair_in_the_graph_as_they_were() {
+    let around = std::f64::consts::PI;
+    let scan = |k: usize| sector(&place(3 * k), 0.0, around, k as u64 + 1);
+    let most = method(1).prepare(ScanView::unordered(&scan(0))).unwrap().points().len() * 5 / 4;
+    let sequential = SequentialConfig { submap_scans: 3, submap_below_overlap: 1.0, ..SequentialConfig::default() };
+    let method = Box::new(Astray(method(1), most));
+    let mut aligner = GlobalAligner::new(method, sequential, GlobalConfig::default(), SPACING_M).unwrap();
+    let records: Vec<_> = (0..4).map(|k| step_surely(&mut aligner, k, &scan(k), place(3 * k))).collect();
+    let last = records[3].hypotheses.last().unwrap();
+    assert!(last.name == HypothesisName::Submap && last.rejected.is_some() && records[3].is_accepted(), "{last:?}");
+    assert!((records[3].map_from_scanner.inverse() * place(9)).translation.vector.norm() < 0.03);
+    for (node, record) in records.iter().enumerate().skip(1) {
+        let edge = &aligner.map.edges[aligner.map.edges_to[node][0]];
+        assert_eq!(Some(edge.from_from_to), record.target_from_scanner);
+        let true_motion = place(3 * edge.from).inverse() * place(3 * node);
+        assert!((edge.from_from_to.inverse() * true_motion).translation.vector.norm() < 0.03, "{edge:?}");
+    }
 }
