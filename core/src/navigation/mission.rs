@@ -13,9 +13,11 @@ use crate::information_map::Obstruction;
 /// A scan that was asked for and does not begin is asked for again after this time [s].
 const ASK_AGAIN_S: f64 = 5.0;
 /// The robot has stood for so long before a scan is asked for [s]: braking, and rocking on its wheels after it, would distort
-/// the scan. It stands below this speed [m/s], or is taken to after this time [s].
+/// the scan. It stands below this speed [m/s] and while it turns and tilts by no more than this [rad], or is taken to after this
+/// time [s].
 const STAND_S: f64 = 1.0;
 const STANDING: f64 = 0.02;
+const STANDING_TURN: f64 = 2.5e-3;
 const LONGEST_STAND_S: f64 = 3.0;
 
 /// What a view plan decides.
@@ -116,6 +118,8 @@ pub struct Mission {
     /// Since when the robot is to stand, and does.
     settling_ns: i64,
     standing_ns: i64,
+    /// How it stood then.
+    standing: Pose,
     /// Scans whose plans have been taken.
     planned_scans: u32,
     give_ups: u32,
@@ -140,6 +144,7 @@ impl Mission {
             has_turned: false,
             settling_ns: 0,
             standing_ns: 0,
+            standing: Pose::identity(),
             planned_scans: 0,
             give_ups: 0,
             last_give_up: None,
@@ -269,14 +274,15 @@ impl Mission {
     }
 
     fn come_to_rest(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
-        (self.settling_ns, self.standing_ns) = (now.stamp_ns, now.stamp_ns);
+        (self.settling_ns, self.standing_ns, self.standing) = (now.stamp_ns, now.stamp_ns, now.map_from_robot);
         self.state = MissionState::Settling { scan };
         stand(None)
     }
 
     fn settle(&mut self, now: &RobotNow, scan: u32) -> MissionStep {
-        if now.linear.abs() > STANDING {
-            self.standing_ns = now.stamp_ns;
+        let turned = self.standing.rotation.angle_to(&now.map_from_robot.rotation);
+        if now.linear.abs() > STANDING || turned > STANDING_TURN {
+            (self.standing_ns, self.standing) = (now.stamp_ns, now.map_from_robot);
         }
         let since = |then: i64| now.stamp_ns.saturating_sub(then) as f64 * 1e-9;
         if since(self.standing_ns) >= STAND_S || since(self.settling_ns) >= LONGEST_STAND_S {

@@ -56,4 +56,15 @@ fn a_scan_is_asked_for_when_the_robot_has_stood_for_a_second_and_at_the_latest_a
     assert_eq!(asked_after(|_| false), Some(1.0));
     assert_eq!(asked_after(|k| k <= 10), Some(1.5));
     assert_eq!(asked_after(|_| true), Some(3.0));
+    // It rocks on its wheels for a while: half a degree to both sides.
+    let mut mission = Mission::new(NavigationConfig::default());
+    mission.robot(RobotWord { scans: 0, ..SCANNED });
+    let asks = |k: &i64| {
+        let roll = if *k <= 12 { 0.01 * (f64::from(*k as i32) * 0.8).sin() } else { 0.0 };
+        let map_from_robot = Pose::new(nalgebra::Vector3::zeros(), nalgebra::Vector3::new(roll, 0.0, 0.0));
+        let now = RobotNow { map_from_robot, ..robot(k * 50_000_000) };
+        matches!(mission.step(&now), MissionStep::Answer { request: Some(0), .. })
+    };
+    let asked = (0..200).find(asks).map(|k| k as f64 * 0.05);
+    assert!(asked.is_some_and(|after| (1.6..=1.7).contains(&after)), "{asked:?}");
 }

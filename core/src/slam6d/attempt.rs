@@ -10,6 +10,8 @@ use crate::registration::{AlignError, Alignment, Limits, PreparedScan};
 /// So many times the distance from the prior is allowed when nothing else has fitted: a robot that has slid believes its wheels
 /// too much, and one whose scan is not aligned is lost.
 const LAST_RESORT: f64 = 2.0;
+/// The same where two attempts have come to the place.
+const CONFIRMED: f64 = 4.0;
 
 /// A start to be tried against a scan.
 pub(super) struct Attempt<'a> {
@@ -34,12 +36,13 @@ impl SequentialAligner {
         let result = self.registration.align(scan, source, &start, &limits);
         let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
         let alignment = alignment.and_then(|mut alignment| {
-            let (slid_m, contradiction) = self.weigh(&mut alignment, target);
+            let ended = normalised(target.map_from_scanner * alignment.target_from_source);
+            let (slid_m, contradiction) = self.weigh(&mut alignment, attempt);
             let second = self.second_look(&alignment, contradiction, attempt, source);
-            if second.is_ok() && slid_m > 0.0 && attempt.name != HypothesisName::Farther {
+            if slid_m > 0.0 && attempt.name != HypothesisName::Farther {
                 // Where registration has ended is not believed; what is left of it is, when nothing else fits.
-                hypothesis.rejected = Some(Rejection::Slid { slid_m });
-                self.note_held(attempt, alignment);
+                hypothesis.rejected = Some(second.err().unwrap_or(Rejection::Slid { slid_m }));
+                self.note_slid(attempt, ended, alignment, hypothesis.rejected.as_ref());
                 return None;
             }
             hypothesis.result = alignment.target_from_source;
@@ -63,19 +66,20 @@ impl SequentialAligner {
             Some(Rejection::ContradictsPrior { .. }) => hypothesis.name != HypothesisName::Farther,
             _ => false,
         };
-        if is_better && is_far {
+        if is_better && is_far && !self.slid.is_confirmed() {
             self.farthest = Some(Farthest { place: normalised(target.map_from_scanner * hypothesis.result), overlap });
         }
     }
 
     /// Weighs an alignment with the prior if that came with a covariance. How far it had slid and was taken back [m]; and where
     /// the two contradict each other, by how many standard deviations.
-    fn weigh(&self, alignment: &mut Alignment, target: &TargetState) -> (f64, Option<f64>) {
+    fn weigh(&self, alignment: &mut Alignment, attempt: &Attempt<'_>) -> (f64, Option<f64>) {
         let gate = self.config.prior_gate_sigmas;
         let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| gate > 0.0);
         let Some((covariance, guess)) = covariance.zip(self.guess_by_prior()) else { return (0.0, None) };
-        let expected = target.map_from_scanner.inverse() * guess;
-        let slid_m = hold_weak_directions(alignment, &expected, &covariance);
+        let expected = attempt.target.map_from_scanner.inverse() * guess;
+        let is_confirmed = attempt.name == HypothesisName::Farther && self.slid.is_confirmed();
+        let slid_m = if is_confirmed { 0.0 } else { hold_weak_directions(alignment, &expected, &covariance) };
         (slid_m, weigh(alignment, &expected, &covariance, gate).err())
     }
 
@@ -93,8 +97,12 @@ impl SequentialAligner {
         match (acceptance.is_doubtful(alignment), contradiction) {
             (false, None) if attempt.name != HypothesisName::Farther => return Ok(()),
             (true, Some(sigmas)) => {
-                let last_resort = if attempt.name == HypothesisName::Farther { LAST_RESORT } else { 1.0 };
-                let (allowed, overlap) = (last_resort * self.config.prior_gate_sigmas, alignment.overlap);
+                let times = match attempt.name {
+                    HypothesisName::Farther if self.slid.is_confirmed() => CONFIRMED,
+                    HypothesisName::Farther => LAST_RESORT,
+                    _ => 1.0,
+                };
+                let (allowed, overlap) = (times * self.config.prior_gate_sigmas, alignment.overlap);
                 if sigmas > allowed {
                     return Err(Rejection::ContradictsPrior { sigmas, allowed, overlap });
                 }

@@ -13,7 +13,6 @@ mod distribution;
 mod errors;
 mod farther;
 pub mod global;
-mod held;
 mod older_scans;
 pub mod pose_graph;
 mod prior;
@@ -22,6 +21,7 @@ pub mod relaxation;
 mod restore_error;
 mod sequential;
 mod sequential_config;
+mod slid;
 mod state;
 mod submap;
 #[cfg(test)]

@@ -6,9 +6,9 @@ use nalgebra::Matrix6;
 
 use super::attempt::Attempt;
 use super::farther::Farthest;
-use super::held::Held;
 use super::older_scans::{NoOlderScans, OlderScans};
 use super::prior::{Prior, PriorFrame};
+use super::slid::Slid;
 use super::verifier::Verifier;
 use super::{
     AlignerState, AlignmentRecord, AlignmentStatus, HypothesisName, Rejection, RestoreError, SequentialConfig,
@@ -32,7 +32,7 @@ pub struct SequentialAligner {
     /// Of the scan that is being aligned.
     pub(super) prior: Option<Prior>,
     pub(super) farthest: Option<Farthest>,
-    pub(super) held: Option<Held>,
+    pub(super) slid: Slid,
 }
 
 impl SequentialAligner {
@@ -56,7 +56,7 @@ impl SequentialAligner {
             verifier,
             prior: None,
             farthest: None,
-            held: None,
+            slid: Slid::default(),
         })
     }
 
@@ -171,7 +171,8 @@ impl SequentialAligner {
         prior: Option<Prior>,
         older: &mut dyn OlderScans,
     ) -> AlignmentRecord {
-        (self.prior, self.farthest, self.held) = (prior, None, None);
+        (self.prior, self.farthest) = (prior, None);
+        self.slid.clear();
         let mut record = self.blank_record(scan_id);
         match prepared {
             Err(error) => record.status = AlignmentStatus::NotAligned(rejection_of(error)),
