@@ -36,6 +36,12 @@ impl SequentialAligner {
         let result = self.registration.align(scan, source, &start, &limits);
         let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
         let alignment = alignment.and_then(|mut alignment| {
+            if attempt.name == HypothesisName::Farther && self.slid.is_confirmed() {
+                hypothesis.rejected = self.slid.check_that_it_stays(&start, &alignment).err();
+                if hypothesis.rejected.is_some() {
+                    return None;
+                }
+            }
             let ended = normalised(target.map_from_scanner * alignment.target_from_source);
             let (slid_m, contradiction) = self.weigh(&mut alignment, attempt);
             let second = self.second_look(&alignment, contradiction, attempt, source);

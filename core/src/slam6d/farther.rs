@@ -27,7 +27,14 @@ impl SequentialAligner {
             let Some(Farthest { place: from, .. }) = self.farthest.take() else { return false };
             let (name, start) = (HypothesisName::Farther, last.0.map_from_scanner.inverse() * from);
             let attempt = Attempt { name, target: last.0, scan: last.1, start, pair_distance_m };
-            if self.attempt(record, &attempt, source) || self.retry(record, name, &from, older, source) {
+            let was_confirmed = self.slid.is_confirmed();
+            if self.attempt(record, &attempt, source) {
+                return true;
+            }
+            if was_confirmed && !self.slid.is_confirmed() {
+                return false;
+            }
+            if self.retry(record, name, &from, older, source) {
                 return true;
             }
         }

@@ -75,7 +75,7 @@ const WEAK: Weak = Weak { eigenvalue: 0.004, sigmas: 3.0, sigma_m: 0.0 };
 /// 0.03 m off. Of these three were of scans during which the robot moved, one was 0.032 m off, and all others had taken 20 steps
 /// or more and shared less than 0.6, as only 8 of the good ones had: half of those took at most 5 steps, 95 in 100 at most 11.
 const WEAK_IF_SLOW: Weak = Weak { eigenvalue: 0.03, sigmas: 2.0, sigma_m: 0.3 };
-const SLOW: u32 = 20;
+pub(super) const SLOW: u32 = 20;
 const SLOW_BELOW_OVERLAP: f64 = 0.6;
 /// What is taken back is known no better than this by registration [m].
 const HELD_SIGMA_M: f64 = 2.0;

@@ -212,7 +212,10 @@ impl SequentialAligner {
             self.align(record, last, source)
                 || (self.guess_by_prior().is_some() && self.retry(record, name, &guess, older, source))
         };
-        accepted || self.accept_held(record) || (self.is_sure() && self.go_farther(record, last, older, source))
+        accepted
+            || self.accept_held(record)
+            || (self.is_sure() && self.go_farther(record, last, older, source))
+            || self.accept_held(record)
     }
 
     /// The record of a scan of which only the guess is known.

@@ -1,9 +1,11 @@
 //! A scan that registration slides along a direction which the scans hardly hold. Mostly that is by chance, and each attempt ends
-//! somewhere else: then the prior holds that direction and registration the others. Where two attempts end at one place it is the
-//! robot that has slid, or has stood while its wheels turned, and what is wrong is the prior.
+//! somewhere else, or slides on from where it ended: then the prior holds that direction and registration the others. Where two
+//! attempts end at one place and a third stays there, it is the robot that has slid, or has stood while its wheels turned, and
+//! what is wrong is the prior.
 
 use super::attempt::{Attempt, complete};
 use super::farther::Farthest;
+use super::prior::SLOW;
 use super::sequential::SequentialAligner;
 use super::{AlignmentRecord, Hypothesis, HypothesisName, Rejection, TargetState};
 use crate::geometry::{Pose, rotation_angle};
@@ -18,6 +20,7 @@ const ONE_PLACE: f64 = 0.02;
 pub(super) struct Slid {
     /// Where each has ended, `map_from_scanner`.
     ended: Vec<Pose>,
+    /// Whether two have ended at one place.
     is_confirmed: bool,
     /// The one that overlaps most, taken back to the prior along what it had slid.
     held: Option<Held>,
@@ -38,17 +41,25 @@ impl Slid {
         (self.is_confirmed, self.held) = (false, None);
     }
 
-    /// Whether two attempts have come to one place.
+    /// Whether two attempts have come to one place, and none has slid on from there.
     pub fn is_confirmed(&self) -> bool {
         self.is_confirmed
     }
 
-    fn has_been_at(&self, place: &Pose) -> bool {
-        self.ended.iter().any(|other| {
-            let apart = other.inverse() * place;
-            apart.translation.vector.norm() < ONE_PLACE_M && rotation_angle(&apart) < ONE_PLACE
-        })
+    /// Whether an attempt from the confirmed place has stayed there, without many steps. If not, it is confirmed no more.
+    ///
+    /// # Errors
+    /// [`Rejection::Slid`].
+    pub fn check_that_it_stays(&mut self, start: &Pose, alignment: &Alignment) -> Result<(), Rejection> {
+        self.is_confirmed &= alignment.iterations < SLOW && are_one(start, &alignment.target_from_source);
+        let slid_m = (start.inverse() * alignment.target_from_source).translation.vector.norm();
+        if self.is_confirmed { Ok(()) } else { Err(Rejection::Slid { slid_m }) }
     }
+}
+
+fn are_one(place: &Pose, other: &Pose) -> bool {
+    let apart = other.inverse() * place;
+    apart.translation.vector.norm() < ONE_PLACE_M && rotation_angle(&apart) < ONE_PLACE
 }
 
 impl SequentialAligner {
@@ -64,7 +75,7 @@ impl SequentialAligner {
         if attempt.name == HypothesisName::Submap {
             return;
         }
-        if self.slid.has_been_at(&ended) {
+        if self.slid.ended.iter().any(|other| are_one(other, &ended)) {
             self.slid.is_confirmed = true;
             self.farthest = Some(Farthest { place: ended, overlap: alignment.overlap });
         }

@@ -214,17 +214,22 @@ fn a_refinement_that_leads_away_from_the_prior_leaves_the_scan_and_its_pair_in_t
     }
 }
 
-/// A method that slides: after many steps it ends `off` to one side, a multiple of the pair distance, where scans would leave
-/// that direction all but open.
-struct Sliding(Box<dyn Registration>, f64);
+/// A method that needs so many steps, and then ends to one side of where it belongs by a multiple of the pair distance, or of its
+/// start by so much; scans leave that direction all but open.
+struct Sliding {
+    method: Box<dyn Registration>,
+    steps: Vec<u32>,
+    off_by_gate: f64,
+    off_from_start_m: Option<f64>,
+}
 
 impl Registration for Sliding {
     fn name(&self) -> &str {
-        self.0.name()
+        self.method.name()
     }
 
     fn prepare(&self, scan: ScanView<'_>) -> Result<Box<dyn PreparedScan>, PrepareError> {
-        self.0.prepare(scan)
+        self.method.prepare(scan)
     }
 
     fn align(
@@ -234,34 +239,42 @@ impl Registration for Sliding {
         start: &Pose,
         limits: &Limits,
     ) -> Result<Alignment, AlignError> {
-        let mut alignment = self.0.align(target, source, start, limits)?;
-        (alignment.iterations, alignment.overlap) = (30, 0.4);
+        let mut alignment = self.method.align(target, source, start, limits)?;
+        let steps = if self.steps.len() > 1 { self.steps.remove(0) } else { self.steps[0] };
+        (alignment.iterations, alignment.overlap) = (steps, 0.4);
         alignment.constraint.eigenvalues = [0.01, 0.1, 0.1, 0.2, 0.3, 0.4];
         alignment.constraint.directions = nalgebra::Matrix6::identity();
-        alignment.target_from_source *= Pose::translation(self.1 * limits.pair_distance_m, 0.0, 0.0);
+        alignment.target_from_source *= Pose::translation(self.off_by_gate * limits.pair_distance_m, 0.0, 0.0);
+        if let Some(metres) = self.off_from_start_m {
+            alignment.target_from_source = start * Pose::translation(metres, 0.0, 0.0);
+        }
         Ok(alignment)
     }
 }
 
 #[test]
-fn what_slides_to_one_place_twice_is_believed_and_what_ends_here_and_there_is_held_by_the_prior() {
+fn what_slides_to_one_place_and_stays_is_believed_and_what_ends_here_and_there_is_held_by_the_prior() {
     let around = std::f64::consts::PI;
-    let align = |slides: f64, prior: Pose| {
+    let align = |steps: &[u32], off_by_gate, off_from_start_m, prior: Pose| {
         let sequential = SequentialConfig { submap_scans: 0, ..SequentialConfig::default() };
-        let method = Box::new(Sliding(method(1), slides));
-        let mut aligner = GlobalAligner::new(method, sequential, GlobalConfig::default(), SPACING_M).unwrap();
+        let method = Sliding { method: method(1), steps: steps.to_vec(), off_by_gate, off_from_start_m };
+        let mut aligner = GlobalAligner::new(Box::new(method), sequential, GlobalConfig::default(), SPACING_M).unwrap();
         step_surely(&mut aligner, 0, &sector(&place(0), 0.0, around, 1), place(0));
         step_surely(&mut aligner, 1, &sector(&place(1), 0.0, around, 2), prior)
     };
     let last = |record: &AlignmentRecord| record.hypotheses.last().map(|tried| tried.name);
     let off = |record: &AlignmentRecord| (record.map_from_scanner.inverse() * place(1)).translation.vector.norm();
     // The robot is not where its wheels have it: 0.7 m, seven standard deviations.
-    let slipped = align(0.0, place(1) * Pose::translation(0.7, 0.0, 0.0));
+    let slipped = align(&[30, 30, 5], 0.0, None, place(1) * Pose::translation(0.7, 0.0, 0.0));
     assert!(slipped.is_accepted() && last(&slipped) == Some(HypothesisName::Farther), "{slipped:?}");
     assert!(off(&slipped) < 0.03, "{}", off(&slipped));
     // Registration ends 0.6 m off, and 1.5 m off with the wider gate.
-    let slid = align(0.3, place(1));
+    let slid = align(&[30], 0.3, None, place(1));
     assert!(slid.is_accepted() && last(&slid) == Some(HypothesisName::Held), "{slid:?}");
     assert!(matches!(slid.hypotheses[0].rejected, Some(Rejection::Slid { slid_m }) if (slid_m - 0.6).abs() < 0.05));
     assert!(off(&slid) < 0.03 && slid.pair_covariance.unwrap()[(0, 0)].sqrt() > 0.09, "{}", off(&slid));
+    // It ends 0.5 m from the start twice, and from there slides on.
+    let on = align(&[30], 0.0, Some(0.5), place(1));
+    assert!(on.is_accepted() && last(&on) == Some(HypothesisName::Held) && off(&on) < 0.03, "{on:?}");
+    assert!(on.hypotheses.iter().any(|tried| tried.name == HypothesisName::Farther), "{on:?}");
 }
