@@ -1,6 +1,6 @@
 //! What is known of a scan's pose before its alignment, and how it is weighed with what registration finds.
 
-use crate::geometry::{Covariance, Pose, exp, log};
+use crate::geometry::{Covariance, Pose, Twist, exp, log};
 use crate::registration::Alignment;
 
 /// Where a scan was taken, before its alignment.
@@ -77,6 +77,9 @@ const WEAK: Weak = Weak { eigenvalue: 0.004, sigmas: 3.0, sigma_m: 0.0 };
 const WEAK_IF_SLOW: Weak = Weak { eigenvalue: 0.03, sigmas: 2.0, sigma_m: 0.3 };
 pub(super) const SLOW: u32 = 20;
 const SLOW_BELOW_OVERLAP: f64 = 0.6;
+/// Where such an alignment has slid along one direction, nothing that it says of directions weaker than this is believed: it has
+/// slid along a curve.
+const HELD_BELOW: f64 = 0.1;
 /// What is taken back is known no better than this by registration [m].
 const HELD_SIGMA_M: f64 = 2.0;
 
@@ -91,16 +94,25 @@ pub(super) fn hold_weak_directions(alignment: &mut Alignment, expected: &Pose, p
     let Some(back) = scale.try_inverse() else { return 0.0 };
     let spread = scale * prior * scale;
     let mut error = scale * log(&(expected.inverse() * alignment.target_from_source));
+    let found = error;
+    let is_far = |direction: &Twist| {
+        let along = direction.dot(&found);
+        along.powi(2) > weak.sigmas.powi(2) * direction.dot(&(spread * direction))
+    };
+    let directions = |below: f64| {
+        let weaker = (0..6).filter(move |&k| constraint.is_constrained(k) && constraint.eigenvalues[k] < below);
+        weaker.map(|k| constraint.directions.column(k).into_owned())
+    };
+    let slides = directions(weak.eigenvalue).any(|direction| is_far(&direction));
     let (mut unknown, mut slid_sq) = (Covariance::zeros(), 0.0);
-    for k in (0..6).filter(|&k| constraint.is_constrained(k) && constraint.eigenvalues[k] < weak.eigenvalue) {
-        let direction = constraint.directions.column(k).into_owned();
-        let along = direction.dot(&error);
-        let is_far = along.powi(2) > weak.sigmas.powi(2) * direction.dot(&(spread * direction));
-        if is_far {
+    for direction in directions(if slides && is_slow { HELD_BELOW } else { weak.eigenvalue }) {
+        let is_held = slides && (is_slow || is_far(&direction));
+        if is_held {
+            let along = direction.dot(&found);
             error -= along * direction;
             slid_sq += along.powi(2);
         }
-        let sigma_m = if is_far { HELD_SIGMA_M } else { weak.sigma_m };
+        let sigma_m = if is_held { HELD_SIGMA_M } else { weak.sigma_m };
         unknown += sigma_m.powi(2) * direction * direction.transpose();
     }
     alignment.covariance += back * unknown * back;

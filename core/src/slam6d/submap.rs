@@ -42,7 +42,9 @@ impl SequentialAligner {
         let attempt = Attempt { name, target, scan: &*together, start, pair_distance_m };
         let mut refined = record.clone();
         let accepted = self.attempt(&mut refined, &attempt, source);
-        let gains = refined.overlap > record.overlap;
+        // The overlap of one that was taken back is that of where it had slid to.
+        let was_held = record.hypotheses.last().is_some_and(|last| last.name == HypothesisName::Held);
+        let gains = was_held || refined.overlap > record.overlap;
         if accepted && gains && self.strain(&refined) <= self.strain(record).max(MOST_STRAIN) {
             *record = refined;
             return;
