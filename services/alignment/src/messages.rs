@@ -195,6 +195,7 @@ fn word(name: HypothesisName) -> &'static str {
 #[cfg(test)]
 mod tests {
     use mirador_core::geometry::Pose;
+    use mirador_core::slam6d::Rejection;
 
     use super::*;
 
