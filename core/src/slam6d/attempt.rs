@@ -35,32 +35,43 @@ impl SequentialAligner {
         let limits = Limits { pair_distance_m, ..self.config.limits };
         let result = self.registration.align(scan, source, &start, &limits);
         let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
-        let alignment = alignment.and_then(|mut alignment| {
-            if attempt.name == HypothesisName::Farther && self.slid.is_confirmed() {
-                hypothesis.rejected = self.slid.check_that_it_stays(&start, &alignment).err();
-                if hypothesis.rejected.is_some() {
-                    return None;
-                }
-            }
-            let ended = normalised(target.map_from_scanner * alignment.target_from_source);
-            let (slid_m, contradiction) = self.weigh(&mut alignment, attempt);
-            let second = self.second_look(&alignment, contradiction, attempt, source);
-            if slid_m > 0.0 && attempt.name != HypothesisName::Farther {
-                // Where registration has ended is not believed; what is left of it is, when nothing else fits.
-                hypothesis.rejected = Some(second.err().unwrap_or(Rejection::Slid { slid_m }));
-                self.note_slid(attempt, ended, alignment, hypothesis.rejected.as_ref());
-                return None;
-            }
-            hypothesis.result = alignment.target_from_source;
-            hypothesis.rejected = second.err();
-            hypothesis.rejected.is_none().then_some(alignment)
-        });
+        let alignment = alignment.and_then(|alignment| self.believe(alignment, &mut hypothesis, attempt, source));
         self.note_farthest(target, &hypothesis);
         record.iterations += hypothesis.iterations;
         record.hypotheses.push(hypothesis);
         let Some(alignment) = alignment else { return false };
         complete(record, target, alignment);
         true
+    }
+
+    /// Weighs what registration has found with the prior and with what the scanners have seen; `None`, with the reason in the
+    /// hypothesis, where it is not believed.
+    fn believe(
+        &mut self,
+        mut alignment: Alignment,
+        hypothesis: &mut Hypothesis,
+        attempt: &Attempt<'_>,
+        source: &dyn PreparedScan,
+    ) -> Option<Alignment> {
+        let is_farther = attempt.name == HypothesisName::Farther;
+        if is_farther && self.slid.is_confirmed() {
+            hypothesis.rejected = self.slid.check_that_it_stays(&attempt.start, &alignment).err();
+            if hypothesis.rejected.is_some() {
+                return None;
+            }
+        }
+        let ended = normalised(attempt.target.map_from_scanner * alignment.target_from_source);
+        let (slid_m, contradiction) = self.weigh(&mut alignment, attempt);
+        let second = self.second_look(&alignment, contradiction, attempt, source);
+        if slid_m > 0.0 && !is_farther {
+            // Where registration has ended is not believed; what is left of it is, when nothing else fits.
+            hypothesis.rejected = Some(second.err().unwrap_or(Rejection::Slid { slid_m }));
+            self.note_slid(attempt, ended, alignment, hypothesis.rejected.as_ref());
+            return None;
+        }
+        hypothesis.result = alignment.target_from_source;
+        hypothesis.rejected = second.err();
+        hypothesis.rejected.is_none().then_some(alignment)
     }
 
     /// Remembers where an attempt that overlaps more than others was refused only for being far from where the prior has it.
