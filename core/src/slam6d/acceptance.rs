@@ -165,7 +165,8 @@ pub enum Rejection {
     /// Registration has slid far along a direction that the scans hardly hold, in many steps.
     #[error("registration slid by {slid_m:.2} m along a direction that the scans hardly hold")]
     Slid {
-        /// How far from where the prior has it [m]; for rotations at the distance of the points.
+        /// How far from where the prior has it, or from a confirmed place where it did not stay [m]; for rotations at the
+        /// distance of the points.
         slid_m: f64,
     },
     /// A refinement that overlaps no more than what it began from, or leads away from the prior.
