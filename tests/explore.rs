@@ -106,6 +106,8 @@ fn an_exploration_ends_by_itself_when_its_work_is_done() {
     assert!(number(&out, "coverage") > 0.941, "{told}");
     let errors = &told["errors"];
     assert!(errors["ate_rmse_m"].as_f64().unwrap() < 0.1 && errors["ate_rmse_deg"].as_f64().unwrap() < 0.5, "{errors}");
+    let model = &told["model_error"];
+    assert!(model["points"].as_u64().unwrap() > 1000 && model["median_m"].as_f64().unwrap() < 0.02, "{model}");
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! The tables of `experiment.md`, which the page shows as well.
 
+use std::collections::BTreeMap;
+
 use super::matched::{Matched, matched};
 use super::{Group, OWN, Results};
 use crate::Summary;
@@ -37,7 +39,7 @@ pub(super) fn entries(results: &Results, world: &str) -> Table {
         "model error [mm]",
         "pose error",
         "stopped",
-        "failures",
+        "given up",
     ];
     let mut lines = Vec::new();
     for group in results.of_world(world).filter(|group| !group.runs.is_empty()) {
@@ -52,12 +54,8 @@ fn line(group: &Group) -> Line {
     let middle = |summary: Option<Summary>, digits: usize, factor: f64| {
         summary.map_or("–".to_owned(), |s| format!("{:.digits$}", s.p50 * factor))
     };
-    let error = |of: fn(&crate::exploration::ModelError) -> f64| {
+    let error = |of: fn(&mirador_core::simulation::ModelDistance) -> f64| {
         Summary::of(&group.runs.iter().filter_map(|run| run.model_error.as_ref().map(of)).collect::<Vec<_>>())
-    };
-    let counted = |counts: std::collections::BTreeMap<String, usize>| {
-        let words: Vec<String> = counts.iter().map(|(word, n)| format!("{} {n}", word.replace('_', " "))).collect();
-        words.join(", ")
     };
     let failures = group.failures();
     let cells = vec![
@@ -75,9 +73,22 @@ fn line(group: &Group) -> Line {
         format!("{} / {}", middle(error(|e| e.median_m), 1, 1e3), middle(error(|e| e.p95_m), 0, 1e3)),
         "–".into(),
         counted(group.stops()),
-        if failures == 0 { "0".into() } else { format!("{failures} ({})", counted(group.faults())) },
+        given_up(group),
     ];
     Line { cells, is_literature: false, is_bad: failures > 0 }
+}
+
+/// The targets given up, in how many runs and at what.
+fn given_up(group: &Group) -> String {
+    let by_place = group.given_up();
+    let (all, runs) =
+        (by_place.values().sum::<usize>(), group.runs.iter().filter(|run| !run.given_up.is_empty()).count());
+    if all == 0 { "0".into() } else { format!("{all} in {runs} runs ({})", counted(by_place)) }
+}
+
+fn counted(counts: BTreeMap<String, usize>) -> String {
+    let words: Vec<String> = counts.iter().map(|(word, n)| format!("{} {n}", word.replace('_', " "))).collect();
+    words.join(", ")
 }
 
 /// The source's own figures.
@@ -158,9 +169,9 @@ pub(super) fn explanation(results: &Results) -> Vec<String> {
             settings.max_scans,
             settings.farthest_m,
         ),
-        "Mission time is driving at 0.8 m/s and 14.4 s a scan. Coverage and quality are those of the truly reachable cells. A \
-         run counts as a failure when its path leaves the ground on which the robot can truly stand by more than 0.15 m; \
-         it is carried on nevertheless. The source's figures belong to its own worlds, whose sizes are not known."
+        "Mission time is driving at 0.8 m/s and 14.4 s a scan. Coverage and quality are those of the truly reachable cells. \
+         Where something stops the robot on its way it gives the target up, goes back a metre and scans there; five in a row \
+         end the run as stuck. The source's figures belong to its own worlds, whose sizes are not known."
             .to_owned(),
     ]
 }

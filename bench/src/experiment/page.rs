@@ -16,7 +16,7 @@ h3{font-size:1em;margin:1.6em 0 .3em}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:.82em}\
 th,td{padding:.2em .55em;text-align:right;border-bottom:1px solid #eee;vertical-align:top}\
 th{background:#f6f6f6;font-weight:600;vertical-align:bottom}td.t,th.t{text-align:left}td.t{white-space:nowrap}\
-tr.bad td:last-child{color:#b3261e}tr.own td{background:#fdf3f5;font-weight:600}\
+tr.bad td:nth-last-child(2){color:#b3261e}tr.own td{background:#fdf3f5;font-weight:600}\
 tr.literature td{color:#667;font-style:italic}.note{color:#666;max-width:62em}.wide{overflow-x:auto}\
 .row{display:flex;flex-wrap:wrap;gap:6px}.row svg{max-width:100%;height:auto}\
 .key{display:flex;flex-wrap:wrap;gap:.2em 1.4em;font-size:.85em;margin:.2em 0}\

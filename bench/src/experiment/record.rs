@@ -5,7 +5,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Entry;
 use super::picture::Frame;
-use crate::exploration::{Fault, ModelError, Outcome, Step};
+use crate::exploration::{GivenUp, Outcome, Step};
+use mirador_core::simulation::ModelDistance;
 
 /// A finished run, as it is kept in `runs/`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -25,16 +26,18 @@ pub struct RunRecord {
     pub seed: u64,
     /// How the robot moved: `kinematic`, in jumps along its paths with true poses.
     pub mode: String,
-    /// Why it stopped; null when it was cut off.
+    /// Why it stopped; null when it was cut off or got stuck.
     pub stop: Option<StopReason>,
-    /// Where its path left true ground; null when it never did.
-    pub fault: Option<Fault>,
+    /// The targets that were given up, because the way to them left true ground.
+    pub given_up: Vec<GivenUp>,
+    /// It ended because it gave up target after target.
+    pub is_stuck: bool,
     /// The state after every scan.
     pub steps: Vec<Step>,
     /// The way after every scan but the last, as corners [m, map frame].
     pub ways: Vec<Vec<[f64; 2]>>,
     /// The model against the true surfaces.
-    pub model_error: Option<ModelError>,
+    pub model_error: Option<ModelDistance>,
     /// Error of the poses [m]: null, they are true in this mode.
     pub pose_error_m: Option<f64>,
     /// Time of the run, simulation included [s].
@@ -54,7 +57,8 @@ impl RunRecord {
             seed,
             mode: "kinematic".into(),
             stop: outcome.stop,
-            fault: outcome.fault.clone(),
+            given_up: outcome.given_up.clone(),
+            is_stuck: outcome.is_stuck,
             steps: outcome.steps.clone(),
             ways: outcome.ways.clone(),
             model_error: outcome.model_error,
@@ -64,13 +68,20 @@ impl RunRecord {
         }
     }
 
-    /// The stop reason as a word; `cut_off` when the limit of scans was reached.
+    /// The stop reason as a word; `stuck` when it gave up target after target, `cut_off` when the limit of scans was reached.
     #[must_use]
     pub fn stop_word(&self) -> String {
         match self.stop.map(serde_json::to_value) {
             Some(Ok(serde_json::Value::String(word))) => word,
+            _ if self.is_stuck => "stuck".to_owned(),
             _ => "cut_off".to_owned(),
         }
+    }
+
+    /// Whether it did not end by its own criterion: it got stuck, was cut off, or saw nowhere to go to.
+    #[must_use]
+    pub fn is_failure(&self) -> bool {
+        !matches!(self.stop, Some(StopReason::Done | StopReason::NothingToGain))
     }
 
     /// The state at the end.

@@ -87,19 +87,19 @@ impl Group {
         stops
     }
 
-    /// Runs in which the robot would have left true ground, by what was there.
+    /// Targets given up in all runs, by what was there.
     #[must_use]
-    pub fn faults(&self) -> BTreeMap<String, usize> {
-        let mut faults = BTreeMap::new();
-        for fault in self.runs.iter().filter_map(|run| run.fault.as_ref()) {
-            *faults.entry(fault.what.clone()).or_insert(0) += 1;
+    pub fn given_up(&self) -> BTreeMap<String, usize> {
+        let mut given_up = BTreeMap::new();
+        for target in self.runs.iter().flat_map(|run| &run.given_up) {
+            *given_up.entry(target.what.clone()).or_insert(0) += 1;
         }
-        faults
+        given_up
     }
 
-    /// How many runs that is.
+    /// Runs that did not end by their own criterion.
     #[must_use]
     pub fn failures(&self) -> usize {
-        self.runs.iter().filter(|run| run.fault.is_some()).count()
+        self.runs.iter().filter(|run| run.is_failure()).count()
     }
 }

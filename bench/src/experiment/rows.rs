@@ -39,7 +39,7 @@ impl Results {
 
     fn figures(&self, group: &Group) -> Vec<Row> {
         let end = |of: fn(&crate::exploration::Step) -> f64| group.at_end(of);
-        let error = |of: fn(&crate::exploration::ModelError) -> f64| {
+        let error = |of: fn(&mirador_core::simulation::ModelDistance) -> f64| {
             Summary::of(&group.runs.iter().filter_map(|run| run.model_error.as_ref().map(of)).collect::<Vec<_>>())
         };
         let figures = [
@@ -126,7 +126,7 @@ fn endings(group: &Group) -> BTreeMap<String, Value> {
         ("seeds".into(), json!(group.runs.iter().map(|run| run.seed).collect::<Vec<_>>())),
         ("stop".into(), json!(group.stops())),
         ("failures".into(), json!(group.failures())),
-        ("failures_by_place".into(), json!(group.faults())),
+        ("given_up".into(), json!(group.given_up())),
         // Known only where poses are estimated.
         ("pose_error_m".into(), json!(pose_errors.iter().flatten().copied().reduce(f64::max))),
     ])

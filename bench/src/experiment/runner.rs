@@ -153,9 +153,12 @@ impl Runner<'_> {
         let record = RunRecord::new(entry, seed, &outcome, frame);
         self.store.write(&task.file(), &record)?;
         let last = outcome.last();
-        let fault = record.fault.as_ref().map_or(String::new(), |f| format!(", LEFT GROUND: {}", f.what));
+        let given_up = match record.given_up.len() {
+            0 => String::new(),
+            targets => format!(", {targets} targets given up"),
+        };
         Ok(Some(format!(
-            "{} {} seed {seed}: {} scans, {:.0} m, quality {:.3}, coverage {:.3}, {}{fault}",
+            "{} {} seed {seed}: {} scans, {:.0} m, quality {:.3}, coverage {:.3}, {}{given_up}",
             entry.world,
             entry.label(),
             outcome.scans(),

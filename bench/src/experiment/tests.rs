@@ -1,7 +1,7 @@
-use mirador_core::view_planning::StrategyRegistry;
+use mirador_core::view_planning::{StopReason, StrategyRegistry};
 
 use super::*;
-use crate::exploration::Step;
+use crate::exploration::{GivenUp, Step};
 
 fn settings() -> Settings {
     Settings {
@@ -36,7 +36,8 @@ fn group(efforts: &[(f64, f64, f64)]) -> Group {
         seed: 1,
         mode: "kinematic".into(),
         stop: None,
-        fault: None,
+        given_up: Vec::new(),
+        is_stuck: false,
         steps,
         ways: Vec::new(),
         model_error: None,
@@ -76,6 +77,27 @@ fn effort_is_compared_where_both_coverage_and_quality_are_reached() {
     assert_eq!((found.scans, found.metres), (vec![3.0 / 4.0], vec![30.0 / 40.0]));
     let never = matched(&other, &own);
     assert_eq!((never.reached, Matched::median(&never.scans)), (0, None));
+}
+
+#[test]
+fn a_run_that_does_not_end_by_its_own_criterion_is_a_failure_and_targets_given_up_are_counted_by_what_was_there() {
+    let mut group = group(&[(0.0, 0.3, 0.2)]);
+    let given_up = |what: &str| GivenUp { after_scan: 0, position: [1.0, 2.0], what: what.into() };
+    let run = |stop, is_stuck| RunRecord { stop, is_stuck, ..group.runs[0].clone() };
+    let mut runs = [
+        run(Some(StopReason::Done), false),
+        run(Some(StopReason::NothingToGain), false),
+        run(Some(StopReason::NoCandidate), false),
+        run(None, true),
+        run(None, false),
+    ];
+    runs[0].given_up = vec![given_up("a kerb"), given_up("a wall")];
+    runs[3].given_up = vec![given_up("a kerb")];
+    let words: Vec<String> = runs.iter().map(RunRecord::stop_word).collect();
+    assert_eq!(words, ["done", "nothing_to_gain", "no_candidate", "stuck", "cut_off"]);
+    group.runs = runs.to_vec();
+    assert_eq!(group.failures(), 3);
+    assert_eq!(group.given_up(), [("a kerb".to_owned(), 2), ("a wall".to_owned(), 1)].into());
 }
 
 #[test]

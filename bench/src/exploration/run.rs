@@ -3,17 +3,17 @@
 use std::time::Instant;
 
 use mirador_core::geometry::Pose;
-use mirador_core::information_map::InformationMap;
+use mirador_core::information_map::{InformationMap, Obstruction};
 use mirador_core::scan::{Point, ScanView};
-use mirador_core::simulation::{CellKind, ScanSeed, Scanner, ScannerConfig};
+use mirador_core::simulation::{ModelDistance, ModelDistances, ScanSeed, Scanner, ScannerConfig};
 use mirador_core::view_planning::{
     Decision, PlanningConfig, Situation, StopReason, Strategy, StrategyRegistry, ViewPlan, WorkArea, Workspace,
 };
 use nalgebra::{Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::model_error::Distances;
-use super::{ExplorationError, Mapper, ModelError, World};
+use super::drive::{Drive, GivenUp, most_given_up, obstruction_radius_m};
+use super::{ExplorationError, Mapper, World};
 
 /// The mission's clock: the robot drives so fast [m/s].
 pub const SPEED_M_S: f64 = 0.8;
@@ -54,17 +54,6 @@ pub struct Step {
     pub mission_s: f64,
 }
 
-/// The robot would have left the ground on which it can stand.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Fault {
-    /// On the way from which scan, from 0.
-    pub after_scan: usize,
-    /// Where [m, map frame].
-    pub position: [f64; 2],
-    /// What is there.
-    pub what: String,
-}
-
 /// How an exploration went.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
@@ -72,12 +61,14 @@ pub struct Outcome {
     pub steps: Vec<Step>,
     /// Where the scans were taken [m, map frame], and between them the way points.
     pub ways: Vec<Vec<[f64; 2]>>,
-    /// Why it stopped; `None` when it was cut off.
+    /// Why it stopped; `None` when it was cut off or got stuck.
     pub stop: Option<StopReason>,
-    /// Where the path left true ground, the first place.
-    pub fault: Option<Fault>,
+    /// The targets that were given up.
+    pub given_up: Vec<GivenUp>,
+    /// It ended because it gave up target after target.
+    pub is_stuck: bool,
     /// The model against the true surfaces.
-    pub model_error: Option<ModelError>,
+    pub model_error: Option<ModelDistance>,
     /// Time of the whole run, simulation included [s].
     pub wall_s: f64,
     /// The map at the end.
@@ -129,13 +120,15 @@ impl Exploration {
         let start = world.scene.scene().start;
         let (mut place, mut yaw) = ([start.x, start.y, 0.0], start.yaw);
         let (mut steps, mut ways, mut metres) = (Vec::new(), Vec::new(), 0.0);
-        let (mut stop, mut fault, mut distances) = (None, None, Distances::default());
-        while steps.len() < self.max_scans && !is_cancelled() {
+        let (mut given_up, mut in_a_row) = (Vec::new(), 0);
+        let (mut stop, mut distances) = (None, ModelDistances::default());
+        while steps.len() < self.max_scans && in_a_row < most_given_up() && !is_cancelled() {
             let Some(map_from_scanner) = world.scanner_pose(place, yaw, self.scanner.height_m) else { break };
             let scan = steps.len();
             let seed = ScanSeed { seed: self.seed, scan: scan as u64 };
             scanner.scan(&world.scene, &map_from_scanner, seed, self.threads, &mut points, None)?;
-            distances.sample(&world.scene, &points, &map_from_scanner);
+            let returns = points.iter().filter(|point| point.is_return());
+            distances.sample(&world.scene, returns.map(|point| map_from_scanner * point.position()));
             let arrived = Instant::now();
             mapper.take_in(ScanView { points: &points, grid: Some(scanner.grid()) }, &map_from_scanner)?;
             let situation = Situation {
@@ -155,17 +148,26 @@ impl Exploration {
                 };
                 break;
             };
-            let way = way([place[0], place[1]], &plan.path);
-            fault = fault.or_else(|| first_fault(world, &way, scan));
-            metres += length(&way);
+            let drive = Drive::along(world, place, &plan.path);
+            let way = drive.flat();
+            metres += drive.metres;
+            // As the planning service does: what has carried the robot may carry it back.
+            mapper.map.drove(&way);
             ways.push(way);
-            (place, yaw) = (next.position, next.heading);
+            yaw = next.heading;
+            place = drive.end().unwrap_or(next.position);
+            in_a_row = if drive.stopped_at.is_some() { in_a_row + 1 } else { 0 };
+            if let Some((position, kind)) = drive.stopped_at {
+                mapper.map.obstruct(Obstruction { centre: position, radius_m: obstruction_radius_m() });
+                given_up.push(GivenUp::new(scan, position, kind));
+            }
         }
         Ok(Outcome {
             steps,
             ways,
             stop,
-            fault,
+            is_stuck: in_a_row >= most_given_up(),
+            given_up,
             model_error: distances.summary(),
             wall_s: begin.elapsed().as_secs_f64(),
             map: mapper.map,
@@ -197,28 +199,4 @@ pub(crate) fn timed_plan(
     let begin = Instant::now();
     let plan = strategy.plan(workspace, map, situation, config);
     (plan, begin.elapsed().as_secs_f64() * 1e3)
-}
-
-/// The corners of the way, the robot's place first.
-fn way(from: [f64; 2], path: &[[f64; 3]]) -> Vec<[f64; 2]> {
-    std::iter::once(from).chain(path.iter().map(|p| [p[0], p[1]])).collect()
-}
-
-fn length(way: &[[f64; 2]]) -> f64 {
-    way.windows(2).map(|pair| (pair[0][0] - pair[1][0]).hypot(pair[0][1] - pair[1][1])).sum()
-}
-
-fn first_fault(world: &World, way: &[[f64; 2]], after_scan: usize) -> Option<Fault> {
-    way.windows(2).find_map(|pair| world.first_fault(pair[0], pair[1])).map(|(position, kind)| Fault {
-        after_scan,
-        position,
-        what: match kind {
-            CellKind::Reachable | CellKind::Isolated => "ground that no way leads to",
-            CellKind::TooNear => "too near to an obstacle or an edge",
-            CellKind::Obstacle => "an obstacle",
-            CellKind::Steep => "too steep",
-            CellKind::Void => "no ground",
-        }
-        .to_owned(),
-    })
 }

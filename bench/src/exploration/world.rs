@@ -13,8 +13,12 @@ use super::{ExplorationError, Mapper};
 
 /// Side of the cells in which ways are looked at [m]: finer than the map's, since ways pass obstacles closely.
 const WAY_CELL_M: f64 = 0.1;
-/// The robot may be so far off true ground before that counts [m]: half a cell of the map, which cannot say it better.
-const TOLERANCE_M: f64 = 0.15;
+/// What stops a robot on its way: something that its body runs into, by more than half a cell of the map, which cannot say it
+/// better; ground so steep that the driver turns back.
+const BODY: ReachConfig =
+    ReachConfig { cell_m: WAY_CELL_M, robot_radius_m: 0.28, robot_height_m: 1.0, step_m: 0.3, max_slope_deg: 32.0 };
+/// And a kerb that it would have to climb; past the end of one a wheel gets by.
+const WHEELS: ReachConfig = ReachConfig { robot_radius_m: 0.1, step_m: 0.1, ..BODY };
 /// Ways are looked at every so often [m].
 const WAY_STEP_M: f64 = 0.05;
 /// The ceiling of quality is measured with scans from places so far apart [m] on the reachable cells.
@@ -26,7 +30,8 @@ pub struct World {
     pub name: String,
     pub(super) scene: CompiledScene,
     truth: ReachableCells,
-    ways: ReachableCells,
+    /// Where nothing stops the robot's body, and its wheels.
+    free: [ReachableCells; 2],
 }
 
 /// What scans from everywhere would find: the ceiling of what an exploration can reach.
@@ -63,9 +68,8 @@ impl World {
         let scene = CompiledScene::new(scene)?;
         let start = scene.scene().start;
         let truth = reachable_cells(&scene, &ReachConfig::default(), &start)?;
-        let fine = ReachConfig { cell_m: WAY_CELL_M, ..ReachConfig::default() };
-        let ways = reachable_cells(&scene, &fine, &start)?;
-        Ok(Self { name: name.to_owned(), scene, truth, ways })
+        let free = [reachable_cells(&scene, &BODY, &start)?, reachable_cells(&scene, &WHEELS, &start)?];
+        Ok(Self { name: name.to_owned(), scene, truth, free })
     }
 
     /// The pose of a level scanner over a robot that stands at (x, y), on the level nearest to z where there are several;
@@ -98,23 +102,20 @@ impl World {
         (quality / known.max(1) as f64, coverage)
     }
 
-    /// The first place of a straight piece of way where the robot would not stand on true ground, and what is there.
-    pub(super) fn first_fault(&self, from: [f64; 2], to: [f64; 2]) -> Option<([f64; 2], CellKind)> {
+    /// The first place of a straight piece of way where something stops the robot, and what is there.
+    pub(super) fn first_stop(&self, from: [f64; 2], to: [f64; 2]) -> Option<([f64; 2], CellKind)> {
         let length = (to[0] - from[0]).hypot(to[1] - from[1]);
         let steps = (length / WAY_STEP_M).ceil().max(1.0) as usize;
         (0..=steps).find_map(|k| {
             let share = k as f64 / steps as f64;
-            let [x, y] = [from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1])];
-            let kind = self.ways.index(x, y).and_then(|at| self.ways.kinds.get(at).copied()).unwrap_or(CellKind::Void);
-            (kind != CellKind::Reachable && !self.is_ground_near(x, y)).then_some(([x, y], kind))
+            let place = [from[0] + share * (to[0] - from[0]), from[1] + share * (to[1] - from[1])];
+            self.stopped_by(place).map(|kind| (place, kind))
         })
     }
 
-    fn is_ground_near(&self, x: f64, y: f64) -> bool {
-        (0..16).any(|k| {
-            let (sin, cos) = (f64::from(k) * std::f64::consts::PI / 8.0).sin_cos();
-            [0.5, 1.0].iter().any(|part| self.ways.contains(x + part * TOLERANCE_M * cos, y + part * TOLERANCE_M * sin))
-        })
+    fn stopped_by(&self, [x, y]: [f64; 2]) -> Option<CellKind> {
+        let kind = |cells: &ReachableCells| cells.index(x, y).and_then(|at| cells.kinds.get(at).copied());
+        self.free.iter().map(|cells| kind(cells).unwrap_or(CellKind::Void)).find(|kind| *kind != CellKind::Reachable)
     }
 
     /// Scans from all over the reachable cells: the highest mean quality that this scanner can be hoped to find. Ends early,

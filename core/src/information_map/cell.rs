@@ -3,7 +3,7 @@
 //! Evidence is kept by height, in slabs of half a metre, and belongs together when no room for the robot lies between:
 //! the ground and the wall that stands on it are one, the road and the bridge over it are two.
 
-use super::evidence::Evidence;
+use super::evidence::{Evidence, GroundSum};
 use super::navigability::CellState;
 use super::tile::{Record, Tile};
 use nalgebra::Vector3;
@@ -24,9 +24,12 @@ pub struct Level {
     /// Everything that was seen of it. What hangs over it with room for the robot in between (crowns, lamps, the
     /// underside of a bridge) counts in height, quality and normals; it says nothing of navigability.
     pub evidence: Evidence,
-    /// Mean height of its lowest ground [m, map frame]; without ground, of its lowest evidence.
+    /// Mean height of its ground [m, map frame]; `None` without any. Where ground was measured, only of slabs in which some
+    /// was: a triangle over a few returns on what stands or hangs there lies far from the ground, and looks as level.
+    pub ground_height: Option<f64>,
+    /// Mean height of the lowest of that ground [m, map frame]; without ground, of its lowest evidence.
     pub lowest: f64,
-    /// Mean height of its highest ground [m, map frame]; without ground, of its highest evidence.
+    /// Mean height of the highest of that ground [m, map frame]; without ground, of its highest evidence.
     pub highest: f64,
     /// Free height over `highest` to what is above [m]; infinite under the open sky.
     pub clearance: f64,
@@ -50,7 +53,7 @@ impl Level {
     /// The height a robot stands at [m, map frame]: mean height of the ground, of everything where there is none.
     #[must_use]
     pub fn ground(&self) -> f64 {
-        self.evidence.ground_height().or_else(|| self.evidence.height()).unwrap_or(self.lowest)
+        self.ground_height.or_else(|| self.evidence.height()).unwrap_or(self.lowest)
     }
 }
 
@@ -76,23 +79,51 @@ struct Cluster<'a> {
     evidence: Evidence,
     lowest: &'a Record,
     highest: &'a Record,
-    /// The lowest and the highest record with ground.
-    ground: Option<[&'a Record; 2]>,
+    ground: Option<Ground<'a>>,
+}
+
+/// The records of a cluster with ground: those with measured ground, if there are any.
+#[derive(Clone, Copy)]
+struct Ground<'a> {
+    lowest: &'a Record,
+    highest: &'a Record,
+    sum: GroundSum,
+    is_measured: bool,
+}
+
+impl<'a> Ground<'a> {
+    fn of(record: &'a Record) -> Option<Self> {
+        let evidence = &record.evidence;
+        let ground = || Self {
+            lowest: record,
+            highest: record,
+            sum: evidence.ground_sum(),
+            is_measured: evidence.has_measured_ground(),
+        };
+        evidence.has_ground().then(ground)
+    }
+
+    /// With that of the next record upwards.
+    fn with(self, next: Self) -> Self {
+        match (self.is_measured, next.is_measured) {
+            (true, false) => self,
+            (false, true) => next,
+            _ => Self { highest: next.highest, sum: self.sum.plus(next.sum), ..self },
+        }
+    }
 }
 
 impl<'a> Cluster<'a> {
     fn new(record: &'a Record) -> Self {
-        let ground = record.evidence.has_ground().then_some([record; 2]);
-        Self { evidence: record.evidence, lowest: record, highest: record, ground }
+        Self { evidence: record.evidence, lowest: record, highest: record, ground: Ground::of(record) }
     }
 
     /// Takes the next record upwards.
     fn take(&mut self, record: &'a Record) {
         self.evidence.merge(&record.evidence);
         self.highest = record;
-        if record.evidence.has_ground() {
-            let [lowest, _] = self.ground.unwrap_or([record; 2]);
-            self.ground = Some([lowest, record]);
+        if let Some(next) = Ground::of(record) {
+            self.ground = Some(self.ground.map_or(next, |ground| ground.with(next)));
         }
     }
 
@@ -114,10 +145,11 @@ impl<'a> Cluster<'a> {
     fn level(&self) -> Level {
         let height = |record: &Record| record.evidence.ground_height().unwrap_or_default();
         let [lowest, highest] = match self.ground {
-            Some(ground) => ground.map(height),
+            Some(ground) => [ground.lowest, ground.highest].map(height),
             None => [self.bottom(), span(self.highest)[1]],
         };
-        Level { evidence: self.evidence, lowest, highest, clearance: f64::INFINITY }
+        let ground_height = self.ground.and_then(|ground| ground.sum.mean());
+        Level { evidence: self.evidence, ground_height, lowest, highest, clearance: f64::INFINITY }
     }
 }
 

@@ -2,7 +2,8 @@ use super::super::test_world::*;
 use super::super::{CellIndex, CellState, InformationMap};
 use super::*;
 use crate::analysis::PointScore;
-use crate::scan::Point;
+use crate::geometry::Pose;
+use crate::scan::{Grid, Point, ScanView};
 use proptest::prelude::*;
 
 const HERE: CellIndex = CellIndex { x: 0, y: 0 };
@@ -75,6 +76,30 @@ fn a_floor_over_something_that_says_nothing_is_the_lowest_level() {
     assert_eq!(levels.as_slice().len(), 1);
     assert!(is_navigable(&levels.as_slice()[0]));
     assert!((levels.as_slice()[0].ground()).abs() < 3e-3);
+}
+
+/// The cell under a triangle between three returns on something 0.7 m high, with these points measured in it.
+fn under_a_triangle(measured: &[(Point, PointScore)]) -> Level {
+    let corners = [[-1.0, -1.0], [-1.0, 1.3], [1.3, -1.0], [1.3, 1.3]].map(|[x, y]| Point::new(x, y, 0.7));
+    let mut scores = [ground(); 4];
+    scores[0].flags |= PointScore::KEPT_WITHOUT | PointScore::KEPT_WITHOUT << 3;
+    let mut map = map_of(measured);
+    map.insert(ScanView::ordered(&corners, Grid { rows: 2, cols: 2 }).unwrap(), &scores, &Pose::identity()).unwrap();
+    levels(&map).as_slice()[0]
+}
+
+#[test]
+fn a_triangle_over_measured_ground_does_not_lift_it_and_counts_where_nothing_was_measured() {
+    let level = under_a_triangle(&[(Point::new(0.1, 0.1, 0.0), ground())]);
+    assert!(level.highest.abs() < 3e-3 && level.ground().abs() < 3e-3, "{level:?}");
+    assert!(
+        level.evidence.interpolated_count() > 0 && level.evidence.height().unwrap() > 0.1,
+        "it was seen: {level:?}"
+    );
+    for nothing_to_drive_on in [vec![], vec![(Point::new(0.1, 0.1, 0.3), crown())]] {
+        let level = under_a_triangle(&nothing_to_drive_on);
+        assert!((level.ground() - 0.7).abs() < 3e-3 && (level.highest - 0.7).abs() < 3e-3, "{level:?}");
+    }
 }
 
 #[test]

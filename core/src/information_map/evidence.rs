@@ -122,7 +122,17 @@ impl Evidence {
     /// The mean height of the navigable ground [m, map frame], or `None` without any.
     #[must_use]
     pub fn ground_height(&self) -> Option<f64> {
-        mean_height(self.ground_sum, u64::from(self.navigable))
+        self.ground_sum().mean()
+    }
+
+    /// The heights of the navigable ground.
+    pub(super) fn ground_sum(&self) -> GroundSum {
+        GroundSum { heights: self.ground_sum, count: u64::from(self.navigable) }
+    }
+
+    /// Whether some of the ground was measured for certain: there is more of it than there are triangles.
+    pub(super) fn has_measured_ground(&self) -> bool {
+        self.navigable > self.interpolated
     }
 
     /// The mean of n n^T over all normals here (see [`NormalStatistics::mean_moments`]).
@@ -187,6 +197,26 @@ impl Evidence {
         self.height_sum += other.height_sum;
         self.ground_sum += other.ground_sum;
         self.normals.merge(&other.normals);
+    }
+}
+
+/// Heights of ground, to be averaged over several slabs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GroundSum {
+    /// [m/512]
+    heights: i64,
+    count: u64,
+}
+
+impl GroundSum {
+    /// With others.
+    pub fn plus(self, other: Self) -> Self {
+        Self { heights: self.heights + other.heights, count: self.count + other.count }
+    }
+
+    /// The mean height [m, map frame], or `None` without any.
+    pub fn mean(self) -> Option<f64> {
+        mean_height(self.heights, self.count)
     }
 }
 

@@ -10,6 +10,7 @@ use super::obstacles::{Surroundings, Way};
 use super::path::Path;
 use super::progress::{Progress, Trail};
 use super::pursuit::{Aim, Pursuit};
+use super::recover::Retreat;
 use super::watch::SensorFault;
 use crate::geometry::Pose;
 use crate::information_map::Obstruction;
@@ -40,24 +41,15 @@ pub struct Driver {
     driven: f64,
     progress: Progress,
     pub(super) trail: Trail,
-    pub(super) attempts: u32,
-    /// How far it is to back up, and still has to [m].
-    pub(super) back_whole: f64,
-    pub(super) back_left: f64,
+    pub(super) retreat: Retreat,
     /// Way driven since the ground began to look as if it fell away [m], and how far the robot leant then [deg].
     pub(super) falling: f64,
     tilt_before_deg: f64,
     pub(super) lean: LeanWatch,
-    /// It gets away from an edge; after that the target is given up.
-    pub(super) leaves_edge: bool,
-    /// It gets away forwards: its tail hangs over an edge.
-    pub(super) goes_ahead: bool,
     healthy_since_ns: Option<i64>,
     ahead: Vec<Vector2<f64>>,
     /// What was asked of the drives last: forward and turning speed.
     asked: [f64; 2],
-    /// Where something held it when it last backed up.
-    pub(super) held: Option<Obstruction>,
     pub(super) obstruction: Option<Obstruction>,
 }
 
@@ -77,18 +69,13 @@ impl Driver {
             driven: 0.0,
             progress: Progress::default(),
             trail: Trail::default(),
-            attempts: 0,
-            back_whole: 0.0,
-            back_left: 0.0,
+            retreat: Retreat::default(),
             falling: 0.0,
             tilt_before_deg: 0.0,
             lean: LeanWatch::default(),
-            leaves_edge: false,
-            goes_ahead: false,
             healthy_since_ns: None,
             ahead: Vec::new(),
             asked: [0.0; 2],
-            held: None,
             obstruction: None,
         }
     }
@@ -211,13 +198,13 @@ impl Driver {
         let is_backing = self.state == DriveState::Recovering;
         if tilt_deg > config.follow.max_tilt_deg && !now.is_lost && !is_backing {
             // Going back is what may help; the second time it does not.
-            if self.attempts >= config.recovery.attempts || self.driven < 0.1 {
+            if self.retreat.attempts >= config.recovery.attempts || self.driven < 0.1 {
                 return Some(GiveUp::Tilted { tilt_deg });
             }
         }
         let off_m = self.pursuit.off;
         // It backs up the way it came, which may lie beside the path or before its beginning.
-        let backed_m = if self.attempts > 0 { config.recovery.back_up_m } else { 0.0 };
+        let backed_m = if self.retreat.attempts > 0 { config.recovery.back_up_m } else { 0.0 };
         (off_m > config.follow.off_path_m + backed_m && !is_backing).then_some(GiveUp::OffPath { off_m })
     }
 
@@ -227,7 +214,7 @@ impl Driver {
             let since = *self.healthy_since_ns.get_or_insert(now.stamp_ns);
             let settled = self.state != DriveState::Waiting || seconds(since, now.stamp_ns) >= config.watch.settle_s;
             if settled && self.state == DriveState::Waiting {
-                self.enter(now, if self.leaves_edge { DriveState::Recovering } else { DriveState::Driving });
+                self.enter(now, if self.retreat.leaves_edge { DriveState::Recovering } else { DriveState::Driving });
             }
             return !settled;
         }
@@ -335,7 +322,7 @@ impl Driver {
 
     pub(super) fn give_up(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
         // What it backed up from is still there when it is given up for something else.
-        self.obstruction = self.obstruction_by(now, &reason, config).or(self.held);
+        self.obstruction = self.obstruction_by(now, &reason, config).or(self.retreat.held);
         self.enter(now, DriveState::GaveUp(reason));
         [0.0; 2]
     }

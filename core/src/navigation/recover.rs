@@ -8,6 +8,7 @@ use super::drive::{DriveState, RobotNow};
 use super::driver::{Driver, place, seconds, tilt};
 use super::give_up::GiveUp;
 use super::obstacles::Surroundings;
+use crate::information_map::Obstruction;
 
 /// From an edge it goes back until it leans by less than this, so far at least and at most [deg, m].
 const LEVEL_DEG: f64 = 10.0;
@@ -15,22 +16,38 @@ const EDGE_BACK_M: [f64; 2] = [1.0, 2.5];
 /// Turning back from an edge [rad/s].
 const TURN_BACK_SPEED: f64 = 0.4;
 
+/// How a robot that gets no further gets away, and what has come of it on this path.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Retreat {
+    pub attempts: u32,
+    /// How far it is to back up, and still has to [m].
+    whole_m: f64,
+    left_m: f64,
+    /// It gets away from an edge; after that the target is given up.
+    pub leaves_edge: bool,
+    /// It gets away forwards: its tail hangs over an edge.
+    goes_ahead: bool,
+    /// Where something held it when it last backed up.
+    pub held: Option<Obstruction>,
+}
+
 impl Driver {
     /// Gets back from what holds the robot, or gives the target up.
     pub(super) fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
         // At an edge it must not stay, however often it has backed up.
         let is_over = self.lean.is_over_an_edge();
-        let is_last = self.attempts >= config.recovery.attempts;
-        self.leaves_edge |= is_over || (is_last && reason == GiveUp::Edge);
-        if is_last && !self.leaves_edge {
+        let is_last = self.retreat.attempts >= config.recovery.attempts;
+        self.retreat.leaves_edge |= is_over || (is_last && reason == GiveUp::Edge);
+        if is_last && !self.retreat.leaves_edge {
             return self.give_up(now, reason, config);
         }
-        self.attempts += 1;
-        self.held = self.obstruction_by(now, &reason, config).or(self.held);
-        self.goes_ahead = self.lean.straight_away() == Some(1.0);
-        let follows_trail = self.leaves_edge && !self.goes_ahead && self.trail.leads_back(&now.map_from_robot);
-        self.back_whole = if follows_trail { EDGE_BACK_M[1] } else { config.recovery.back_up_m };
-        self.back_left = self.back_whole;
+        self.retreat.attempts += 1;
+        self.retreat.held = self.obstruction_by(now, &reason, config).or(self.retreat.held);
+        self.retreat.goes_ahead = self.lean.straight_away() == Some(1.0);
+        let follows_trail =
+            self.retreat.leaves_edge && !self.retreat.goes_ahead && self.trail.leads_back(&now.map_from_robot);
+        self.retreat.whole_m = if follows_trail { EDGE_BACK_M[1] } else { config.recovery.back_up_m };
+        self.retreat.left_m = self.retreat.whole_m;
         self.enter(now, DriveState::Recovering);
         [0.0; 2]
     }
@@ -48,18 +65,18 @@ impl Driver {
             self.since_ns = Some(now.stamp_ns);
             return [0.0, way * TURN_BACK_SPEED.min(config.follow.max_turn)];
         }
-        self.back_left -= step * now.linear.abs();
+        self.retreat.left_m -= step * now.linear.abs();
         let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
-        let is_late = waited > 3.0 * self.back_whole / recovery.back_up_speed + 1.0;
-        let is_level = self.leaves_edge
-            && self.back_whole - self.back_left > EDGE_BACK_M[0]
+        let is_late = waited > 3.0 * self.retreat.whole_m / recovery.back_up_speed + 1.0;
+        let is_level = self.retreat.leaves_edge
+            && self.retreat.whole_m - self.retreat.left_m > EDGE_BACK_M[0]
             && tilt(&now.map_from_robot).to_degrees() < LEVEL_DEG;
         let is_blocked = self.escape_gap(now, around, config) < config.obstacles.stop_gap_m;
-        if self.back_left <= 0.0 || is_level || is_late || is_blocked {
+        if self.retreat.left_m <= 0.0 || is_level || is_late || is_blocked {
             self.end_of_the_way_back(now, config);
             return [0.0; 2];
         }
-        if self.goes_ahead {
+        if self.retreat.goes_ahead {
             return [recovery.back_up_speed, 0.0];
         }
         let linear = -recovery.back_up_speed;
@@ -70,9 +87,9 @@ impl Driver {
         // What it has come back over is before it again.
         self.pursuit.go_back(config.recovery.back_up_m);
         self.falling = 0.0;
-        if self.leaves_edge {
+        if self.retreat.leaves_edge {
             // The path leads along the edge; the map learns where that is.
-            self.obstruction = self.held;
+            self.obstruction = self.retreat.held;
             self.enter(now, DriveState::GaveUp(GiveUp::Edge));
         } else {
             self.enter(now, DriveState::Driving);
@@ -81,7 +98,7 @@ impl Driver {
 
     /// Free way where it gets away to [m].
     fn escape_gap(&self, now: &RobotNow, around: &Surroundings, config: &NavigationConfig) -> f64 {
-        if !self.goes_ahead {
+        if !self.retreat.goes_ahead {
             return around.gap_behind(now.stamp_ns, &config.obstacles);
         }
         let pose = &now.map_from_robot;

@@ -72,6 +72,12 @@ pub struct CompiledScene {
     tree: RayTree,
 }
 
+impl std::fmt::Debug for CompiledScene {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "CompiledScene({}, {} triangles)", self.scene.name, self.triangles.len())
+    }
+}
+
 /// A place in a scene: what is seen from it is always the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Viewpoint {

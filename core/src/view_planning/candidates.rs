@@ -19,15 +19,18 @@ pub(super) struct Draw {
 
 /// Draws candidate cells with their travel costs: at random, seeded by run and scan, without repetition; farther apart
 /// than the spacing, also from the robot; at most one for so many cells that can be driven on. What is refused is
-/// recorded.
-pub(super) fn draw(survey: &Survey, situation: &Situation, config: &PlanningConfig) -> Draw {
+/// recorded. Of what can be drawn in all, a look takes as many as are allowed at a time, and every later `look` those that
+/// come next.
+pub(super) fn draw(survey: &Survey, situation: &Situation, config: &PlanningConfig, look: usize) -> Draw {
     let mut cells: Vec<u32> = survey.grid.navigable.ones().map(|at| at as u32).collect();
-    let most = (cells.len() / config.cells_per_candidate).min(config.max_candidates);
+    let all = cells.len() / config.cells_per_candidate;
+    let (first, most) = (look.saturating_mul(config.max_candidates), all.min((look + 1) * config.max_candidates));
+    let mut taken = 0;
     let mut random = ChaCha8Rng::seed_from_u64(mix(situation.run_seed, situation.scan_number));
     let mut spacing = Spacing::new(survey, config.spacing_m);
     let mut drawn = Draw::default();
     for next in 0..cells.len() {
-        if drawn.places.len() >= most {
+        if taken >= most {
             break;
         }
         // One step of a Fisher-Yates shuffle: the cell drawn is put out of reach of the next draws.
@@ -37,7 +40,10 @@ pub(super) fn draw(survey: &Survey, situation: &Situation, config: &PlanningConf
         match survey.check(at).and_then(|cost| spacing.check(at).map(|()| cost)) {
             Ok(cost) => {
                 spacing.take(at);
-                drawn.places.push((at, cost));
+                if taken >= first {
+                    drawn.places.push((at, cost));
+                }
+                taken += 1;
             }
             Err(reason) => drawn.reject(&survey.grid, at, reason),
         }

@@ -107,6 +107,22 @@ fn a_way_that_was_driven_stays_open_whatever_is_seen_beside_it() {
 }
 
 #[test]
+fn one_cell_that_is_taken_for_an_obstacle_does_not_shut_a_way_that_was_driven_and_three_do() {
+    let behind = |gap: std::ops::RangeInclusive<usize>| {
+        // A wall with a gap that the robot has come through; in the gap now an obstacle, as wide as is asked for.
+        let mut map = walled(|x| !(19..=21).contains(&x) || gap.contains(&x));
+        map.drove(&[[6.15, 2.0], [6.15, 9.0]]);
+        let plans = (0..64).map(|run_seed| {
+            let situation = super::Situation { run_seed, ..at(6.15, 2.0) };
+            plan_with(&mut Random::default(), &map, &situation, &PlanningConfig::default())
+        });
+        plans.flat_map(|plan| plan.candidates).filter(|candidate| candidate.position[1] > 7.0).count()
+    };
+    assert!(behind(20..=20) > 0);
+    assert_eq!(behind(19..=21), 0);
+}
+
+#[test]
 fn a_way_that_was_driven_from_far_away_ends_where_the_window_does() {
     let mut map = walled(|x| x != 20);
     let config = PlanningConfig { near_m: 10.0, ..PlanningConfig::default() };

@@ -147,7 +147,7 @@ pub struct PlanningConfig {
     /// The mean quality of the reachable ground must also reach this before the work is done, 0 to 1. 0 leaves the
     /// decision to the utility alone.
     pub min_mean_quality: f64,
-    /// `multi_criteria`, `random`: with a work area the work is not done while a candidate away from all earlier scans has an A
+    /// `multi_criteria`, `random`, `coverage_tour`: with a work area the work is not done while a candidate away from all earlier scans has an A
     /// (4.7) of this, 0.001 to 1; 1 leaves the decision to utility and quality, as the source does.
     pub least_information: f64,
     /// What Q and O are divided by.

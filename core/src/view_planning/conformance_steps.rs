@@ -1,6 +1,7 @@
 //! Worlds with steps in their ground: what every strategy must hold to there.
 
-use super::conformance::{check_plan, strategies};
+use super::conformance::strategies;
+use super::conformance_ground::check_plan;
 use super::test_worlds::{at, config, field, map_of, plan_with};
 use super::*;
 use crate::geometry::Pose;

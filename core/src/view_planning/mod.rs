@@ -38,6 +38,8 @@ mod clearance_tests;
 #[cfg(test)]
 mod conformance;
 #[cfg(test)]
+mod conformance_ground;
+#[cfg(test)]
 mod conformance_steps;
 #[cfg(test)]
 mod test_worlds;

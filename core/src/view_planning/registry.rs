@@ -33,7 +33,7 @@ impl Default for StrategyRegistry {
     fn default() -> Self {
         let mut registry = Self { entries: Vec::new() };
         registry.register("multi_criteria", || Box::new(MultiCriteria::default()));
-        registry.register("coverage_tour", || Box::new(CoverageTour));
+        registry.register("coverage_tour", || Box::new(CoverageTour::default()));
         registry.register("frontier", || Box::<Frontier>::default());
         registry.register("greedy_unvisited", || Box::new(Greedy::new(GreedyTarget::Unvisited)));
         registry.register("greedy_unscanned", || Box::new(Greedy::new(GreedyTarget::Unscanned)));

@@ -1,7 +1,7 @@
 //! A tile of the information map as planning sees it.
 
 use super::relief::ReliefLimits;
-use crate::information_map::{Evidence, Level, MapConfig, TILE_CELLS, TILE_SIDE, Tile, TileIndex, TileLevels};
+use crate::information_map::{Level, MapConfig, TILE_CELLS, TILE_SIDE, Tile, TileIndex, TileLevels};
 
 /// Cells along a side of a tile.
 pub(super) const SIDE: usize = TILE_SIDE as usize;
@@ -135,13 +135,14 @@ impl TileDigest {
     }
 
     fn show(&mut self, within: usize, level: &Level, rules: &Rules) {
-        self.read_evidence(within, &level.evidence, rules);
+        self.read_level(within, level, rules);
         if level.highest - level.lowest > f64::from(rules.relief.diagonal) {
             self.uneven[within / SIDE] |= self.navigable[within / SIDE] & 1 << (within % SIDE);
         }
     }
 
-    fn read_evidence(&mut self, within: usize, evidence: &Evidence, rules: &Rules) {
+    fn read_level(&mut self, within: usize, level: &Level, rules: &Rules) {
+        let evidence = &level.evidence;
         let Some(navigability) = evidence.navigability(rules.map.obstacle_weight) else { return };
         let (row, bit) = (within / SIDE, 1u16 << (within % SIDE));
         self.known[row] |= bit;
@@ -162,7 +163,7 @@ impl TileDigest {
         }
         cells.height[within] = height as f32;
         cells.quality[within] = evidence.quality().unwrap_or(0.0) as f32;
-        cells.ground[within] = evidence.ground_height().unwrap_or(height) as f32;
+        cells.ground[within] = level.ground_height.unwrap_or(height) as f32;
         cells.navigability[within] = navigability as f32;
         self.bounds.include(&moments, cells.height[within], cells.quality[within]);
     }

@@ -17,6 +17,8 @@ use super::strategy::{Situation, Strategy};
 use super::sweep::Sweep;
 use super::tile_digest::SIDE;
 use super::tour_order::order;
+use super::utility::unexplored;
+use super::visited::Visited;
 use super::workspace::{Stage, Workspace, plan_in_stages};
 use crate::information_map::InformationMap;
 
@@ -24,9 +26,12 @@ use crate::information_map::InformationMap;
 /// them. A candidate's utility is what it adds to those taken before it, as a share of what a view of flat, never seen
 /// ground brings; that of candidates not taken is what they would add. Views are taken by that share for the effort: it
 /// counts in full where the robot is, and half where the way to it, from the robot or another view of the tour, is as
-/// long as a scan is worth, or longer. It stops when no view brings the least share.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct CoverageTour;
+/// long as a scan is worth, or longer. When no view brings the least share it goes to those away from all scans that show
+/// unexplored ground of the work area, and stops when there is none.
+#[derive(Debug, Clone, Default)]
+pub struct CoverageTour {
+    visited: Visited,
+}
 
 /// Improvements smaller than this are not counted, cell by cell: far cells become better by next to nothing from anywhere.
 const LEAST_IMPROVEMENT: f32 = 0.02;
@@ -49,6 +54,10 @@ impl Strategy for CoverageTour {
         "coverage_tour"
     }
 
+    fn remember(&mut self, situation: &Situation) {
+        self.visited.remember(situation);
+    }
+
     fn plan(
         &mut self,
         workspace: &mut Workspace,
@@ -56,30 +65,59 @@ impl Strategy for CoverageTour {
         situation: &Situation,
         config: &PlanningConfig,
     ) -> ViewPlan {
+        self.visited.remember(situation);
+        let visited = &self.visited;
         plan_in_stages(self.name(), workspace, map, situation, config, |stage, plan| {
-            let places = stage.rate_candidates(plan);
-            if places.is_empty() {
-                return false;
-            }
-            let views = stage.for_each_candidate(|model, sweep, at, ground, view| {
-                *view = View::look(model, sweep, at, ground, &config.tour);
-            });
-            let whole = stage.flat_quality();
-            let (chosen, best) = choose(stage, plan, &views, whole);
-            let is_good = plan.mean_quality.unwrap_or(0.0) >= config.min_mean_quality;
-            if best <= 0.0 || (best < config.tour.least_gain && is_good) {
-                let reason = if is_good { StopReason::Done } else { StopReason::NothingToGain };
-                plan.decision = Decision::Stop { reason };
-                return false;
-            }
-            let cells: Vec<usize> = chosen.iter().map(|&index| places[index]).collect();
-            plan.tour = order(stage.survey(), &cells).into_iter().map(|k| chosen[k]).collect();
-            let candidate = plan.tour[0];
-            plan.decision = Decision::Go { candidate };
-            plan.path = stage.survey().path_to(places[candidate]);
-            true
+            // Before it says that nothing is left it has looked from all over the ground, so many places at a time.
+            let looks = if stage.is_last { usize::MAX } else { 1 };
+            (0..looks)
+                .map(|look| look_and_choose(stage, visited, plan, look))
+                .find(|choice| *choice != Choice::TooLittle)
+                .is_some_and(|choice| choice == Choice::Made)
         })
     }
+}
+
+/// What comes of a look at the ground.
+#[derive(Debug, PartialEq, Eq)]
+enum Choice {
+    /// A tour, in the plan.
+    Made,
+    /// Nothing that is worth a scan.
+    TooLittle,
+    /// No place to look from.
+    NoPlace,
+}
+
+/// Looks from some places, other ones every time, and makes a tour of those that are worth it.
+fn look_and_choose(stage: &mut Stage<'_>, visited: &Visited, plan: &mut ViewPlan, look: usize) -> Choice {
+    let config = stage.config;
+    let places = stage.rate_candidates_of(look, plan);
+    if places.is_empty() {
+        return Choice::NoPlace;
+    }
+    let views = stage.for_each_candidate(|model, sweep, at, ground, view| {
+        *view = View::look(model, sweep, at, ground, &config.tour);
+    });
+    let whole = stage.flat_quality();
+    let (mut chosen, best) = choose(stage, plan, &views, whole);
+    let is_good = plan.mean_quality.unwrap_or(0.0) >= config.min_mean_quality;
+    let is_little = best <= 0.0 || (best < config.tour.least_gain && is_good);
+    if is_little {
+        chosen = unexplored(&plan.candidates, visited, config);
+        chosen.truncate(config.tour.max_views);
+    }
+    if is_little && chosen.is_empty() {
+        let reason = if is_good { StopReason::Done } else { StopReason::NothingToGain };
+        plan.decision = Decision::Stop { reason };
+        return Choice::TooLittle;
+    }
+    let cells: Vec<usize> = chosen.iter().map(|&index| places[index]).collect();
+    plan.tour = order(stage.survey(), &cells).into_iter().map(|k| chosen[k]).collect();
+    let candidate = plan.tour[0];
+    plan.decision = Decision::Go { candidate };
+    plan.path = stage.survey().path_to(places[candidate]);
+    Choice::Made
 }
 
 impl View {
@@ -194,8 +232,8 @@ impl Ord for Waiting {
     }
 }
 
-/// Chooses the views of a tour.
-struct Choice<'a> {
+/// The views of a tour as they are chosen.
+struct Selection<'a> {
     places: Vec<[f64; 2]>,
     from_robot: Vec<f64>,
     views: &'a [View],
@@ -205,7 +243,7 @@ struct Choice<'a> {
     whole: f64,
 }
 
-impl Choice<'_> {
+impl Selection<'_> {
     /// What a view adds, as a share of the whole, and the same for the effort: a scan at the next corner is worth more than
     /// one at the other end of the world.
     fn worth(&self, index: usize) -> (f64, f64) {
@@ -232,7 +270,7 @@ fn choose(stage: &Stage<'_>, plan: &mut ViewPlan, views: &[View], whole: f64) ->
     let (grid, config) = (&stage.survey().grid, &stage.config.tour);
     let mut explored = BitPlane::default();
     explored.reset(grid.height, grid.unexplored.stride, 0);
-    let mut choice = Choice {
+    let mut choice = Selection {
         places: plan.candidates.iter().map(|c| [c.position[0], c.position[1]]).collect(),
         from_robot: plan.candidates.iter().map(|c| c.cost).collect(),
         views,

@@ -73,17 +73,23 @@ pub(super) fn decide(
     Some(if utility <= 0.0 { Decision::Stop { reason: StopReason::NothingToGain } } else { Decision::Go { candidate } })
 }
 
-/// The best candidate that shows so much unexplored ground that the work is not done. What a scan nearby did not show,
-/// another one there will not, so only candidates away from all earlier scans count, and every exploration ends.
+/// The best candidate that shows so much unexplored ground that the work is not done.
 fn best_unexplored(candidates: &[Candidate], visited: &Visited, config: &PlanningConfig) -> Option<usize> {
+    let shown = unexplored(candidates, visited, config).into_iter().filter(|&index| candidates[index].utility > 0.0);
+    shown.reduce(|a, b| if candidates[b].utility > candidates[a].utility { b } else { a })
+}
+
+/// The candidates that show so much unexplored ground that the work is not done. What a scan nearby did not show, another one
+/// there will not, so only candidates away from all earlier scans count, and every exploration ends.
+pub(super) fn unexplored(candidates: &[Candidate], visited: &Visited, config: &PlanningConfig) -> Vec<usize> {
     // Without a work area there is always more to explore.
-    config.work_area?;
-    let least = config.least_information;
+    if config.work_area.is_none() {
+        return Vec::new();
+    }
     let shows = |c: &Candidate| {
-        c.information >= least && c.utility > 0.0 && !visited.is_near([c.position[0], c.position[1]], config.spacing_m)
+        c.information >= config.least_information && !visited.is_near([c.position[0], c.position[1]], config.spacing_m)
     };
-    let shown = candidates.iter().enumerate().filter(|(_, candidate)| shows(candidate));
-    shown.reduce(|a, b| if b.1.utility > a.1.utility { b } else { a }).map(|(index, _)| index)
+    (0..candidates.len()).filter(|&index| shows(&candidates[index])).collect()
 }
 
 #[cfg(test)]

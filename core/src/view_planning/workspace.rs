@@ -45,6 +45,8 @@ pub(super) struct Evaluation {
     pub gains: Vec<RawGain>,
     pub yardsticks: Yardsticks,
     zones: Vec<Zone>,
+    /// Which look at the ground this is, from 0.
+    look: usize,
 }
 
 /// One look at the map: near first, farther only when need be.
@@ -52,6 +54,8 @@ pub(super) struct Stage<'a> {
     pub map: &'a InformationMap,
     pub situation: &'a Situation,
     pub config: &'a PlanningConfig,
+    /// No farther ground will be looked at.
+    pub is_last: bool,
     workspace: &'a mut Workspace,
 }
 
@@ -102,8 +106,8 @@ impl Workspace {
     }
 
     /// Draws candidates and finds what each would bring, unless that is known.
-    fn evaluate(&mut self, map: &InformationMap, situation: &Situation, config: &PlanningConfig) {
-        if self.evaluation.as_ref().is_some_and(|evaluation| evaluation.zones == map.zones()) {
+    fn evaluate(&mut self, map: &InformationMap, situation: &Situation, config: &PlanningConfig, look: usize) {
+        if self.evaluation.as_ref().is_some_and(|known| known.look == look && known.zones == map.zones()) {
             return;
         }
         let cell_m = map.cell_m();
@@ -111,7 +115,7 @@ impl Workspace {
             self.view = None;
         }
         let view = self.view.get_or_insert_with(|| ScannerView::new(&config.scanner, cell_m));
-        let draw = draw(&self.survey, situation, config);
+        let draw = draw(&self.survey, situation, config, look);
         let model = GainModel { grid: &self.survey.grid, zones: zones_of(&self.survey.grid, map.zones()), view };
         let mut gains = vec![RawGain::default(); draw.places.len()];
         let places: Vec<_> = draw.places.iter().map(|&(at, _)| (at, self.survey.ground_at(at))).collect();
@@ -123,7 +127,7 @@ impl Workspace {
             flat_quality: view.flat_quality,
             zone_area: map.zones().iter().map(|zone| zone.normal.norm()).sum(),
         };
-        self.evaluation = Some(Evaluation { draw, gains, yardsticks, zones: map.zones().to_vec() });
+        self.evaluation = Some(Evaluation { draw, gains, yardsticks, zones: map.zones().to_vec(), look });
     }
 }
 
@@ -134,10 +138,18 @@ impl Stage<'_> {
 
     /// The candidates, each with its terms rated, written into the plan with what was rejected; returns their cells.
     pub fn rate_candidates(&mut self, plan: &mut ViewPlan) -> Vec<usize> {
-        self.workspace.evaluate(self.map, self.situation, self.config);
+        self.rate_candidates_of(0, plan)
+    }
+
+    /// The same for other candidates at every `look`, until there are none: then the plan stays as it is.
+    pub fn rate_candidates_of(&mut self, look: usize, plan: &mut ViewPlan) -> Vec<usize> {
+        self.workspace.evaluate(self.map, self.situation, self.config, look);
         let Some(evaluation) = &self.workspace.evaluation else { return Vec::new() };
         let survey = &self.workspace.survey;
         let draw = &evaluation.draw;
+        if look > 0 && draw.places.is_empty() {
+            return Vec::new();
+        }
         let pairs = draw.places.iter().zip(&evaluation.gains);
         plan.candidates = pairs.map(|(&(at, cost), &raw)| Candidate { raw, ..survey.candidate(at, cost) }).collect();
         plan.rejected.clone_from(&draw.rejected);
@@ -185,8 +197,9 @@ pub(super) fn plan_in_stages(
         let mut plan = empty_plan(name, map, situation, config);
         let Some(goes_on) = workspace.prepare(map, situation, config, reach_m) else { return plan };
         workspace.survey.record(&mut plan);
-        let is_convinced = decide(&mut Stage { map, situation, config, workspace }, &mut plan);
-        if is_convinced || !goes_on || reach_m >= config.horizon_m {
+        let is_last = !goes_on || reach_m >= config.horizon_m;
+        let is_convinced = decide(&mut Stage { map, situation, config, is_last, workspace }, &mut plan);
+        if is_convinced || is_last {
             return plan;
         }
         reach_m = config.horizon_m;

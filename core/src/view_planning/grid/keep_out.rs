@@ -2,7 +2,7 @@
 //! held it, ways it has driven.
 
 use super::{Extent, PlanningGrid};
-use crate::information_map::{Obstruction, cells_touched_by_segment};
+use crate::information_map::{CellIndex, Obstruction, cells_touched_by_segment};
 use crate::view_planning::bits::{BitPlane, WORD};
 use crate::view_planning::config::PlanningConfig;
 
@@ -68,23 +68,35 @@ impl PlanningGrid {
     }
 
     /// Where the robot has been it can be, though a scan says that it should not: ways back stay open, as far as can be
-    /// driven to.
+    /// driven to. Its wheels have been on the cells beside those that its middle crossed, too: they count where nothing speaks
+    /// against them, so that one cell that a scan takes for an obstacle does not shut the way.
     pub(super) fn mark_driven(&mut self, driven: &[[[f64; 2]; 2]], extent: &Extent) {
-        let mut plane = std::mem::take(&mut self.driven);
-        plane.reset(self.height, self.width / WORD, 0);
+        let (mut middle, mut beside) = (std::mem::take(&mut self.driven), std::mem::take(&mut self.scratch));
+        for plane in [&mut middle, &mut beside] {
+            plane.reset(self.height, self.width / WORD, 0);
+        }
+        let mark = |plane: &mut BitPlane, cell: CellIndex| {
+            if let Some(at) = self.at(cell).filter(|_| extent.is_near(cell)) {
+                plane.set(at / self.width, at % self.width);
+            }
+        };
         for piece in driven {
             let [from, to] = piece.map(|end| end.map(|metres| metres / self.cell_m));
             cells_touched_by_segment(from, to, |cell| {
-                if let Some(at) = self.at(cell).filter(|_| extent.is_near(cell)) {
-                    plane.set(at / self.width, at % self.width);
+                mark(&mut middle, cell);
+                for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+                    mark(&mut beside, CellIndex { x: cell.x + dx, y: cell.y + dy });
                 }
                 true
             });
         }
         let shut = self.held.words.iter().zip(&self.blocks.words);
-        for (driven, (held, blocks)) in plane.words.iter_mut().zip(shut) {
-            *driven &= !(held | blocks);
+        let edges = self.steps.words.iter().zip(&self.steep.words);
+        for (((middle, beside), (held, blocks)), (steps, steep)) in
+            middle.words.iter_mut().zip(&beside.words).zip(shut).zip(edges)
+        {
+            *middle = (*middle | beside & !(steps | steep)) & !(held | blocks);
         }
-        self.driven = plane;
+        (self.driven, self.scratch) = (middle, beside);
     }
 }

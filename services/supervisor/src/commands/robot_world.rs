@@ -1,6 +1,8 @@
 //! What a graph with a simulated robot takes from the robot's world, so that nothing has to be said twice: scanner, mount,
 //! start, work area.
 
+use std::sync::Arc;
+
 use mirador_core::geometry::Pose;
 use mirador_core::simulation::{CompiledScene, ReachConfig, ScannerConfig, reachable_cells};
 use mirador_core::view_planning::WorkArea;
@@ -14,6 +16,8 @@ pub struct RobotWorld {
     pub robot_from_scanner: Pose,
     /// Centres of the cells that the robot can reach [m].
     pub reachable: Vec<[f64; 2]>,
+    /// The world itself.
+    pub scene: Arc<CompiledScene>,
     /// Cells of a scan.
     pub scan_cells: usize,
 }
@@ -50,5 +54,6 @@ pub fn fill_in(graph: &mut Graph) -> Result<RobotWorld, UsageError> {
     let (roll, pitch, yaw) = mount.rotation.euler_angles();
     localization.robot_from_scanner_rpy_deg = [roll, pitch, yaw].map(f64::to_degrees);
     graph.acquisition.scanner = ScannerConfig { height_m: height, ..driven.scanner.clone() };
-    Ok(RobotWorld { robot_from_scanner: mount, reachable, scan_cells: scanner.beams * scanner.sweeps })
+    let scan_cells = scanner.beams * scanner.sweeps;
+    Ok(RobotWorld { robot_from_scanner: mount, reachable, scene: Arc::new(scene), scan_cells })
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use anyhow::{Context, Result, bail};
 use mirador_acquisition::{AcquisitionConfig, SourceKind, open_source, scene_of, true_poses};
@@ -65,6 +66,7 @@ pub struct Session<'a> {
 struct Known {
     truth: Option<BTreeMap<u32, Pose>>,
     truth_cells: Option<Vec<[f64; 2]>>,
+    scene: Option<Arc<CompiledScene>>,
     robot_from_scanner: Option<Pose>,
 }
 
@@ -189,7 +191,7 @@ impl Session<'_> {
         let world = robot_world::fill_in(&mut self.graph)?;
         self.size_slots(world.scan_cells)?;
         let robot_from_scanner = Some(world.robot_from_scanner);
-        Ok(Known { truth: None, truth_cells: Some(world.reachable), robot_from_scanner })
+        Ok(Known { truth: None, truth_cells: Some(world.reachable), scene: Some(world.scene), robot_from_scanner })
     }
 
     fn size_slots(&mut self, largest_scan: usize) -> Result<()> {
@@ -247,6 +249,7 @@ impl Session<'_> {
             title: self.title.clone(),
             truth: known.truth,
             truth_cells: known.truth_cells,
+            scene: known.scene,
             robot_from_scanner: known.robot_from_scanner,
             restarts: outcome.restarts,
             registration: outcome.registration.clone(),
@@ -305,7 +308,8 @@ fn truth_of_scene(config: &AcquisitionConfig) -> Result<Known> {
     let cells = reachable_cells(&scene, &ReachConfig::default(), &start)?;
     let indices = cells.reachable.iter().enumerate().filter(|(_, reachable)| **reachable);
     let truth_cells = Some(indices.map(|(index, _)| cells.centre(index)).collect());
-    Ok(Known { truth: Some((0..).zip(poses).collect()), truth_cells, robot_from_scanner: None })
+    let truth = Some((0..).zip(poses).collect());
+    Ok(Known { truth, truth_cells, scene: Some(Arc::new(scene)), robot_from_scanner: None })
 }
 
 fn print_summary(summary: &Summary, run_dir: &Path, outcome: &RunOutcome) {

@@ -1,9 +1,11 @@
 //! What the supervisor knows of a run beyond its recording.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use mirador_core::geometry::Pose;
+use mirador_core::simulation::CompiledScene;
 use serde::Serialize;
 
 use super::RegistrationTotals;
@@ -48,6 +50,8 @@ pub struct RunFacts {
     /// Centres of the cells that the robot can reach, in the frame of the true poses (the map's own without them) [m];
     /// `None` when unknown.
     pub truth_cells: Option<Vec<[f64; 2]>>,
+    /// The scene that was scanned, in the same frame; `None` where it was none.
+    pub scene: Option<Arc<CompiledScene>>,
     /// Restarts of all services together.
     pub restarts: u32,
     /// How a foreign registration did; `None` where there was none.

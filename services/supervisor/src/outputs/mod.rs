@@ -77,7 +77,9 @@ pub fn write_all(run_dir: &Path, facts: &RunFacts) -> Result<Summary, OutputErro
     let mut reader = RunReader::open(&run_dir.join(RUN_FILE))?;
     let data = RunData::read(&mut reader)?;
     let facts = &facts.with_truth_of(&data);
-    let summary = Summary::of(&data, facts);
+    // A model that cannot be written (a full disk) keeps nothing else from being there.
+    let model = model::write_model(&mut reader, &data, facts, &run_dir.join("model.ply"));
+    let summary = Summary::of(&data, facts, model.as_ref().ok().copied().flatten());
     // A summary of numbers and texts always has a JSON form; a writer in memory cannot fail either.
     let json = serde_json::to_vec_pretty(&summary)
         .map_err(|e| OutputError::Draw { what: "summary.json", reason: e.to_string() })?;
@@ -91,7 +93,7 @@ pub fn write_all(run_dir: &Path, facts: &RunFacts) -> Result<Summary, OutputErro
     put(run_dir, "map.png", &map)?;
     let report = report::render(&data, facts, &summary, &map)?;
     put(run_dir, "report.html", report.as_bytes())?;
-    model::write_model(&mut reader, &data, &run_dir.join("model.ply"))?;
+    model?;
     Ok(summary)
 }
 

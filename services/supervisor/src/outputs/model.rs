@@ -7,24 +7,33 @@ use std::path::Path;
 use mirador_core::formats::{CloudWriter, OutPoint, PlyOptions, PlyWriter};
 use mirador_core::geometry::Pose;
 use mirador_core::odometry::MotionTable;
+use mirador_core::simulation::{ModelDistance, ModelDistances};
 use mirador_ipc_schema::messages::{Point, PointScore};
 use mirador_ipc_schema::topics;
 use mirador_recorder::RunReader;
 use nalgebra::Point3;
 
 use super::OutputError;
+use super::facts::RunFacts;
 use super::run_data::{RunData, ScanRecord};
+use super::summary::map_from_world;
 
 /// Beyond this distance from the origin f32 is too coarse for a millimetre, and coordinates are written as f64 [m].
 const F32_REACH_M: f64 = 10_000.0;
 /// Quality of a point that was not scored.
 const NOT_SCORED: f32 = -1.0;
 
-/// Writes the model; returns its number of points.
+/// Writes the model; returns how far it lies from the true surfaces, where these are known.
 ///
 /// # Errors
 /// See [`OutputError`].
-pub fn write_model(reader: &mut RunReader, data: &RunData, path: &Path) -> Result<u64, OutputError> {
+pub fn write_model(
+    reader: &mut RunReader,
+    data: &RunData,
+    facts: &RunFacts,
+    path: &Path,
+) -> Result<Option<ModelDistance>, OutputError> {
+    let (truth, mut distances) = (facts.scene.as_ref().zip(map_from_world(data, facts)), ModelDistances::default());
     let mut file: Box<dyn CloudWriter> = Box::new(PlyWriter::create(path, &options(data))?);
     let (mut points, mut scores): (Vec<Point>, Vec<PointScore>) = (Vec::new(), Vec::new());
     let mut out = Vec::new();
@@ -47,8 +56,13 @@ pub fn write_model(reader: &mut RunReader, data: &RunData, path: &Path) -> Resul
             }
         }
         file.write(&out)?;
+        if let Some((scene, map_from_world)) = truth.as_ref().filter(|_| is_aligned) {
+            let world_from_map = map_from_world.inverse();
+            distances.sample(scene, out.iter().map(|point| world_from_map * Point3::from(point.position)));
+        }
     }
-    Ok(file.finish()?)
+    file.finish()?;
+    Ok(distances.summary())
 }
 
 /// Where the end of the scan sees a point [m, scanner frame].

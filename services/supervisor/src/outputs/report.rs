@@ -2,6 +2,7 @@
 
 use base64::Engine;
 use maud::{DOCTYPE, Markup, PreEscaped, html};
+use mirador_core::simulation::ModelDistance;
 use mirador_ipc_schema::messages::DECISION_STOP;
 use mirador_ipc_schema::text;
 
@@ -114,6 +115,18 @@ fn figures(summary: &Summary) -> Markup {
         ),
         None => ("Error against the truth", "no truth".to_owned()),
     });
+    if let Some(model) = summary.model_error {
+        let ModelDistance { points, median_m, p95_m } = model;
+        rows.push((
+            "Model from the true surfaces",
+            format!(
+                "{:.1} mm (median of {} points, 95 of 100 below {:.0} mm)",
+                1e3 * median_m,
+                grouped(points as u64),
+                1e3 * p95_m
+            ),
+        ));
+    }
     rows.push(("Duration", format!("{:.1} s", summary.wall_time_s)));
     rows.push(("Restarts, messages lost", format!("{}, {}", summary.restarts, summary.lost_messages)));
     rows.push(("Payload bytes copied", grouped(summary.copied_payload_bytes)));

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use mirador_core::geometry::{Pose, rotation_angle, rows_from_pose};
+use mirador_core::simulation::ModelDistance;
 use mirador_ipc_schema::messages::{DECISION_STOP, ViewPlanMeta};
 use mirador_ipc_schema::text;
 use nalgebra::Point3;
@@ -56,6 +57,8 @@ pub struct Summary {
     pub poses: Vec<PoseSummary>,
     /// Errors against the truth.
     pub errors: Option<Errors>,
+    /// Distance of the model's points to the true surfaces; null where these are not known.
+    pub model_error: Option<ModelDistance>,
     /// Where the times come from: `measured`, all of them in this run.
     pub provenance: &'static str,
     /// Latency of every stage and from scan to plan [ms].
@@ -122,7 +125,7 @@ pub struct Errors {
 impl Summary {
     /// Adds up a run.
     #[must_use]
-    pub fn of(data: &RunData, facts: &RunFacts) -> Self {
+    pub fn of(data: &RunData, facts: &RunFacts, model_error: Option<ModelDistance>) -> Self {
         let aligned = data.scans.iter().filter(|s| s.is_aligned()).count();
         let (stop_reason, stop_reason_text) = stop_reason(data, facts).unzip();
         let (last_decision, last_decision_text) = data.last_plan.as_ref().map(|(plan, _)| words(plan)).unzip();
@@ -149,6 +152,7 @@ impl Summary {
             cell_m: has_map.then_some(data.map.cell_m),
             poses: poses(data),
             errors: errors(data, facts),
+            model_error,
             provenance: "measured",
             work_ms: data.work.quantiles(),
             latency_ms: STAGES.iter().map(|stage| (stage.name, stage.quantiles(data))).collect(),
@@ -239,17 +243,21 @@ fn errors(data: &RunData, facts: &RunFacts) -> Option<Errors> {
     Some(Errors { ate_rmse_m: root(square_m), ate_rmse_deg: root(square_deg), max_m, n })
 }
 
+/// The frame of the truth in the map, the first aligned scan being where it truly was; `None` when none was aligned. Without true
+/// poses the two are one.
+pub(super) fn map_from_world(data: &RunData, facts: &RunFacts) -> Option<Pose> {
+    if facts.truth.is_none() {
+        return Some(Pose::identity());
+    }
+    let compared = compared(data, facts);
+    let (map_from_first, world_from_first) = compared.first()?;
+    Some(map_from_first * world_from_first.inverse())
+}
+
 /// Share of the reachable cells whose centre lies in a known cell of the map.
 fn coverage(data: &RunData, facts: &RunFacts) -> Option<f64> {
     let cells = facts.truth_cells.as_ref().filter(|cells| !cells.is_empty())?;
-    let map_from_world = match &facts.truth {
-        Some(_) => {
-            let compared = compared(data, facts);
-            let (map_from_first, world_from_first) = compared.first()?;
-            map_from_first * world_from_first.inverse()
-        }
-        None => Pose::identity(),
-    };
+    let map_from_world = map_from_world(data, facts)?;
     let is_known = |[x, y]: &&[f64; 2]| {
         let p = map_from_world * Point3::new(*x, *y, 0.0);
         data.map.at(p.x, p.y).is_some()

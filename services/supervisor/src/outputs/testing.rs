@@ -227,6 +227,7 @@ pub(crate) fn facts() -> RunFacts {
         title: "Three <scans> & a plan".into(),
         truth: Some(truth),
         truth_cells: Some(vec![in_world(0.25, 0.25), in_world(0.75, 0.25), in_world(5.0, 5.0), in_world(-3.0, 1.0)]),
+        scene: None,
         robot_from_scanner: None,
         registration: None,
         restarts: 2,

@@ -57,7 +57,7 @@ fn a_run_whose_input_ended_says_so_and_keeps_the_last_decision_apart() {
     let mut data = RunData::read(&mut RunReader::open(&folder.path().join(RUN_FILE)).unwrap()).unwrap();
     data.source = SourceEnd::Ended;
     let ended = |facts: &RunFacts| {
-        let summary = Summary::of(&data, facts);
+        let summary = Summary::of(&data, facts, None);
         assert_eq!(summary.last_decision.as_deref(), Some("done"));
         assert_eq!(summary.last_decision_text.as_deref(), Some("the model is good enough"));
         (summary.stop_reason.unwrap(), summary.stop_reason_text.unwrap())

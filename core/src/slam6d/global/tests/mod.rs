@@ -1,6 +1,7 @@
 //! Loops closed and older scans corrected: with a method that answers by script, and with real ones on synthetic scenes
 //! and recorded sequences.
 
+mod bent;
 mod drifting;
 mod loops;
 mod older;

@@ -2,11 +2,12 @@
 
 use nalgebra::Vector3;
 
+use super::bent::{Asked, Bent};
 use super::drifting::{block, method};
 use super::*;
 use crate::geometry::Covariance;
 use crate::registration::test_scenes::scan_of;
-use crate::registration::{AlignError, Alignment, Limits, PrepareError, PreparedScan, Registration};
+use crate::registration::{Alignment, Limits};
 use crate::slam6d::{HypothesisName, Prior, PriorFrame, Rejection};
 
 /// What a scanner sees of the block from a corner of the street, within `half_angle` of a heading.
@@ -167,40 +168,19 @@ fn a_scan_that_overlaps_little_is_aligned_once_more_to_those_that_fit_its_target
     assert!(together[3].overlap >= alone[3].overlap && error < 0.03, "{error}");
 }
 
-/// A method that is led astray by more points than one scan has.
-struct Astray(Box<dyn Registration>, usize);
-
-impl Registration for Astray {
-    fn name(&self) -> &str {
-        self.0.name()
-    }
-
-    fn prepare(&self, scan: ScanView<'_>) -> Result<Box<dyn PreparedScan>, PrepareError> {
-        self.0.prepare(scan)
-    }
-
-    fn align(
-        &mut self,
-        target: &dyn PreparedScan,
-        source: &dyn PreparedScan,
-        start: &Pose,
-        limits: &Limits,
-    ) -> Result<Alignment, AlignError> {
-        let mut alignment = self.0.align(target, source, start, limits)?;
-        if target.points().len() > self.1 {
-            alignment.target_from_source *= Pose::translation(0.45, 0.0, 0.0);
-        }
-        Ok(alignment)
-    }
-}
-
 #[test]
 fn a_refinement_that_leads_away_from_the_prior_leaves_the_scan_and_its_pair_in_the_graph_as_they_were() {
     let around = std::f64::consts::PI;
     let scan = |k: usize| sector(&place(3 * k), 0.0, around, k as u64 + 1);
     let most = method(1).prepare(ScanView::unordered(&scan(0))).unwrap().points().len() * 5 / 4;
     let sequential = SequentialConfig { submap_scans: 3, submap_below_overlap: 1.0, ..SequentialConfig::default() };
-    let method = Box::new(Astray(method(1), most));
+    // To a target of more points than one scan has, the refinement, it is wrong by 0.45 m.
+    let bend = move |alignment: &mut Alignment, asked: Asked<'_>| {
+        if asked.target_points > most {
+            alignment.target_from_source *= Pose::translation(0.45, 0.0, 0.0);
+        }
+    };
+    let method = Box::new(Bent { method: method(1), bend });
     let mut aligner = GlobalAligner::new(method, sequential, GlobalConfig::default(), SPACING_M).unwrap();
     let records: Vec<_> = (0..4).map(|k| step_surely(&mut aligner, k, &scan(k), place(3 * k))).collect();
     let last = records[3].hypotheses.last().unwrap();
@@ -214,41 +194,22 @@ fn a_refinement_that_leads_away_from_the_prior_leaves_the_scan_and_its_pair_in_t
     }
 }
 
-/// A method that needs so many steps, and then ends to one side of where it belongs by a multiple of the pair distance, or of its
-/// start by so much; scans leave that direction all but open.
-struct Sliding {
-    method: Box<dyn Registration>,
-    steps: Vec<u32>,
+/// Needs so many steps, and then ends to one side of where it belongs by a multiple of the pair distance, or of its start by so
+/// much; scans leave that direction all but open.
+fn sliding(
+    mut steps: Vec<u32>,
     off_by_gate: f64,
     off_from_start_m: Option<f64>,
-}
-
-impl Registration for Sliding {
-    fn name(&self) -> &str {
-        self.method.name()
-    }
-
-    fn prepare(&self, scan: ScanView<'_>) -> Result<Box<dyn PreparedScan>, PrepareError> {
-        self.method.prepare(scan)
-    }
-
-    fn align(
-        &mut self,
-        target: &dyn PreparedScan,
-        source: &dyn PreparedScan,
-        start: &Pose,
-        limits: &Limits,
-    ) -> Result<Alignment, AlignError> {
-        let mut alignment = self.method.align(target, source, start, limits)?;
-        let steps = if self.steps.len() > 1 { self.steps.remove(0) } else { self.steps[0] };
-        (alignment.iterations, alignment.overlap) = (steps, 0.4);
+) -> impl FnMut(&mut Alignment, Asked<'_>) + Send {
+    move |alignment, asked| {
+        let needed = if steps.len() > 1 { steps.remove(0) } else { steps[0] };
+        (alignment.iterations, alignment.overlap) = (needed, 0.4);
         alignment.constraint.eigenvalues = [0.01, 0.1, 0.1, 0.2, 0.3, 0.4];
         alignment.constraint.directions = nalgebra::Matrix6::identity();
-        alignment.target_from_source *= Pose::translation(self.off_by_gate * limits.pair_distance_m, 0.0, 0.0);
-        if let Some(metres) = self.off_from_start_m {
-            alignment.target_from_source = start * Pose::translation(metres, 0.0, 0.0);
+        alignment.target_from_source *= Pose::translation(off_by_gate * asked.limits.pair_distance_m, 0.0, 0.0);
+        if let Some(metres) = off_from_start_m {
+            alignment.target_from_source = asked.start * Pose::translation(metres, 0.0, 0.0);
         }
-        Ok(alignment)
     }
 }
 
@@ -257,7 +218,7 @@ fn what_slides_to_one_place_and_stays_is_believed_and_what_ends_here_and_there_i
     let around = std::f64::consts::PI;
     let align = |steps: &[u32], off_by_gate, off_from_start_m, prior: Pose| {
         let sequential = SequentialConfig { submap_scans: 0, ..SequentialConfig::default() };
-        let method = Sliding { method: method(1), steps: steps.to_vec(), off_by_gate, off_from_start_m };
+        let method = Bent { method: method(1), bend: sliding(steps.to_vec(), off_by_gate, off_from_start_m) };
         let mut aligner = GlobalAligner::new(Box::new(method), sequential, GlobalConfig::default(), SPACING_M).unwrap();
         step_surely(&mut aligner, 0, &sector(&place(0), 0.0, around, 1), place(0));
         step_surely(&mut aligner, 1, &sector(&place(1), 0.0, around, 2), prior)
