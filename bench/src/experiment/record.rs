@@ -28,7 +28,7 @@ pub struct RunRecord {
     pub mode: String,
     /// Why it stopped; null when it was cut off or got stuck.
     pub stop: Option<StopReason>,
-    /// The targets that were given up, because the way to them left true ground.
+    /// The targets that were given up, because something stopped the robot on the way to them.
     pub given_up: Vec<GivenUp>,
     /// It ended because it gave up target after target.
     pub is_stuck: bool,

@@ -25,7 +25,7 @@ pub struct GivenUp {
 pub(super) struct Drive {
     /// Its corners, the robot's place before it first [m, map frame].
     pub way: Vec<[f64; 3]>,
-    /// Its length [m].
+    /// What the robot drove, the way back from where it was stopped included [m].
     pub metres: f64,
     /// Where something stopped the robot, and what: it has gone back a little from there.
     pub stopped_at: Option<([f64; 2], CellKind)>,

@@ -1,6 +1,10 @@
 use super::testing::{facts, record_run};
 use super::*;
+use mirador_core::geometry::Pose;
+use mirador_core::simulation::{CompiledScene, Scene};
 use serde_json::Value;
+use std::collections::BTreeMap;
+use std::sync::Arc;
 
 struct Run {
     folder: tempfile::TempDir,
@@ -95,7 +99,36 @@ fn what_cannot_be_known_is_null() {
     assert!(run.summary["errors"].is_null() && run.summary["coverage"].is_null());
     let keys = run.summary.as_object().unwrap();
     assert!(keys.contains_key("errors") && keys.contains_key("coverage"));
+    assert!(keys.contains_key("model_error") && run.summary["model_error"].is_null());
     assert!(run.text("report.html").contains("no truth"));
+}
+
+#[test]
+fn the_model_is_measured_against_the_scene_with_the_first_scan_on_its_true_pose() {
+    let scene = Arc::new(CompiledScene::new(Scene::builtin("plane").unwrap()).unwrap());
+    let measured = |world_from_first: Pose| {
+        let truth = Some(BTreeMap::from([(10, world_from_first)]));
+        Run::new(&RunFacts { scene: Some(scene.clone()), truth, ..facts() })
+    };
+    // Four returns in each of the two aligned scans.
+    let here = measured(Pose::identity());
+    assert_eq!(here.summary["model_error"]["points"], 8);
+    let median_m = |run: &Run| run.summary["model_error"]["median_m"].as_f64().unwrap();
+    let raised = measured(Pose::translation(0.0, 0.0, 0.5));
+    assert!((median_m(&raised) - median_m(&here) - 0.5).abs() < 1e-3, "{} {}", median_m(&raised), median_m(&here));
+    assert!(here.text("report.html").contains("from the true surfaces"));
+}
+
+#[test]
+fn a_model_that_cannot_be_written_is_an_error_and_all_else_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    record_run(folder.path());
+    fs::create_dir(folder.path().join("model.ply")).unwrap();
+    let error = write_all(folder.path(), &facts()).unwrap_err().to_string();
+    assert!(error.contains("model.ply"), "{error}");
+    for name in ["summary.json", "report.html", "map.png", "trajectory.tum"] {
+        assert!(folder.path().join(name).is_file(), "{name}");
+    }
 }
 
 #[test]
