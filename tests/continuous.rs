@@ -17,6 +17,7 @@ use mirador_ipc_schema::messages::{
 };
 use mirador_ipc_schema::{ScanId, text, topics};
 use nalgebra::{Point3, Vector3};
+use support::answerer::{self, BEHAVIOUR};
 use support::moving;
 use support::observer::{Observer, kill_9};
 use support::outputs::{Model, poses, recording};
@@ -106,6 +107,46 @@ fn a_walk_without_any_odometry_is_followed_its_loops_closed_and_every_output_agr
     }
     assert_eq!(summary["recording_complete"], true);
     assert_eq!((&summary["lost_messages"], &summary["copied_payload_bytes"]), (&0.into(), &0.into()));
+}
+
+#[test]
+fn the_answering_process() {
+    answerer::answer_if_asked();
+}
+
+#[test]
+fn loops_of_a_walk_are_closed_by_a_foreign_process_that_is_told_which_keyframes() {
+    let Some(scans) = data("continuous", "handheld") else { return };
+    let stage = Stage::new();
+    let command = answerer::logging_command();
+    let settings = ["alignment.registration=external", "alignment.external.deadline_ms=60000", &command];
+    let settings: Vec<&str> = settings.iter().flat_map(|setting| ["--set", setting]).collect();
+    let mut arguments = replay(&scans, "out", &["--truth", "poses.tum"]);
+    arguments.extend(settings.iter().map(|argument| (*argument).to_owned()));
+    let mut command = stage.mirador(&arguments);
+    let child = command.env(BEHAVIOUR, "honest").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let finished = finish(child);
+    let out = stage.path("out");
+    let log = |service: &str| fs::read_to_string(out.join(format!("logs/{service}.log"))).unwrap_or_default();
+    assert_eq!(finished.status.code(), Some(0), "{}\n{}", finished.stderr, log("alignment"));
+    let summary = summary(&out);
+    assert_eq!((&summary["scans"], &summary["aligned"]), (&45.into(), &45.into()));
+    assert!(summary["errors"]["ate_rmse_m"].as_f64().unwrap() < 0.2, "{}", summary["errors"]);
+    let registration = &summary["registration"];
+    assert!(registration["answered"].as_u64().unwrap() > 0, "{registration}");
+    assert_eq!(registration["answered"], registration["questions"], "{registration}");
+    // The pairs that were asked for are those that were tried.
+    let mut tried = Vec::new();
+    let scan = |id: u64| ScanId::unpack(id).scan;
+    recording(&out)
+        .for_each::<topics::LoopClosing>(|_, pairs| {
+            tried.extend(pairs.iter().map(|pair| (scan(pair.target_id), scan(pair.source_id))));
+        })
+        .unwrap();
+    let requests = answerer::requests(&log("registration"));
+    let asked: Vec<(u32, u32)> = requests.iter().map(|(target, (source, ..))| (*target, *source as u32)).collect();
+    assert!(!asked.is_empty() && asked.iter().all(|pair| tried.contains(pair)), "{asked:?} of {tried:?}");
+    stage.assert_nothing_left();
 }
 
 /// A folder with scans of several recordings, in this order.

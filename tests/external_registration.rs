@@ -1,6 +1,6 @@
 //! Registration by a process of somebody else's, under the supervisor: honest, dead, hung, lying, flooding.
 //!
-//! The answering process is this test program once more, run with `MIRADOR_TEST_ANSWERS` saying how it behaves.
+//! The answering process is this test program once more (see `support::answerer`).
 
 #![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot be set up has failed")]
 
@@ -10,108 +10,22 @@ use std::fs;
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::OnceLock;
-use std::time::Duration;
 
-use mirador_core::geometry::{pose_from_rows, rows_from_pose};
-use mirador_core::registration::{Limits, RegistrationConfig, Registry};
-use mirador_core::scan::{Point, ScanView};
-use mirador_ipc_schema::messages::{Envelope, Header, KeyframePoint, RegistrationRequestMeta, RegistrationResult};
-use mirador_ipc_schema::service::{HealthReporter, ServiceSetup};
-use mirador_ipc_schema::{Domain, StopSignal, topics};
+use mirador_ipc_schema::Domain;
 use serde_json::Value;
+use support::answerer::{self, BEHAVIOUR};
 use support::observer::{Observer, kill_9};
 use support::{Finished, Stage, eventually, finish, signal, small_tour, summary};
 
-/// How the answering process is told how to behave.
-const BEHAVIOUR: &str = "MIRADOR_TEST_ANSWERS";
-/// The name of the test that is the answering process.
-const ANSWERER: &str = "the_answering_process";
-
 #[test]
 fn the_answering_process() {
-    // Without the wish it is no test of its own.
-    if let Ok(behaviour) = std::env::var(BEHAVIOUR) {
-        answer(&behaviour);
-    }
-}
-
-/// Answers requests, well or ill, until it is ended.
-fn answer(behaviour: &str) {
-    let setup = ServiceSetup::from_environment(StopSignal::from_terminal().unwrap()).unwrap();
-    let (own, stop) = (setup.join().unwrap(), setup.stop.clone());
-    let requests = own.subscriber::<topics::RegistrationRequest>().unwrap();
-    let results = own.publisher::<topics::RegistrationResult>().unwrap();
-    let mut health = HealthReporter::open(&own, &setup.name).unwrap();
-    health.running(&own);
-    let send = |result| results.send_one(Envelope { header: Header::new(0, 0) }, result).unwrap();
-    while !stop.is_set() {
-        own.wait(&[&requests], Duration::from_millis(20));
-        health.heartbeat(&own);
-        while let Some(request) = requests.receive().unwrap() {
-            let place = request.location().unwrap();
-            println!("{} {} {}", request.header().scan(), place.inode, place.offset);
-            let honest = || honest(request.meta(), request.items());
-            match behaviour {
-                "honest" => send(honest()),
-                "crash" => std::process::abort(),
-                "hang" => loop {
-                    std::thread::sleep(Duration::from_secs(3600));
-                },
-                "nan" => send(RegistrationResult { target_from_source: [f64::NAN; 16], ..honest() }),
-                "non_rigid" => {
-                    let target_from_source = std::array::from_fn(|i| if i % 5 == 0 { 1.5 } else { 0.0 });
-                    send(RegistrationResult { target_from_source, ..honest() });
-                }
-                "older" => send(RegistrationResult { request: request.meta().request - 1, ..honest() }),
-                "flood" => {
-                    let result = RegistrationResult { request: u64::MAX, ..honest() };
-                    while !stop.is_set() {
-                        send(result);
-                    }
-                }
-                "schema" => send(RegistrationResult { schema: 1, ..honest() }),
-                other => panic!("no such behaviour: {other}"),
-            }
-        }
-    }
-}
-
-/// What point to plane finds between the keyframes of a request.
-fn honest(request: &RegistrationRequestMeta, items: &[KeyframePoint]) -> RegistrationResult {
-    let mut method = Registry::default().create("point_to_plane", &RegistrationConfig::default()).unwrap();
-    let (target, source) = items.split_at(request.target_points as usize);
-    let [target, source] = [target, source].map(|items| {
-        let points: Vec<Point> =
-            items.iter().map(|p| Point::new(p.position[0], p.position[1], p.position[2])).collect();
-        method.prepare(ScanView::unordered(&points)).unwrap()
-    });
-    let start = pose_from_rows(&request.initial_target_from_source).unwrap();
-    let limits = Limits {
-        max_iterations: request.max_iterations,
-        pair_distance_m: request.pair_distance_m,
-        max_translation_m: request.max_translation_m,
-        max_rotation: request.max_rotation,
-    };
-    let found = method.align(&*target, &*source, &start, &limits).unwrap();
-    RegistrationResult {
-        request: request.request,
-        target_from_source: rows_from_pose(&found.target_from_source),
-        covariance: std::array::from_fn(|i| found.covariance[(i / 6, i % 6)]),
-        overlap: found.overlap,
-        residual_m: found.residual_rms_m,
-        iterations: found.iterations,
-        converged: u32::from(found.converged),
-        constrained: u32::from(found.constraint.mask()),
-        schema: topics::registration_schema(),
-    }
+    answerer::answer_if_asked();
 }
 
 /// Arguments of a tour whose registration is this program.
 fn arguments(more: &[&str]) -> Vec<String> {
     let mut arguments = small_tour();
-    let own = std::env::current_exe().unwrap();
-    let command = format!("[\"{}\", \"--exact\", \"{ANSWERER}\", \"--nocapture\"]", own.display());
-    let settings = ["alignment.registration=external", &format!("programs.registration.command={command}")];
+    let settings = ["alignment.registration=external", &answerer::command()];
     arguments.extend(settings.iter().chain(more).flat_map(|s| ["--set".to_owned(), (*s).to_owned()]));
     arguments.push("--quiet".into());
     arguments
@@ -291,25 +205,20 @@ fn keyframes_are_read_where_alignment_wrote_them() {
     let settings = ["alignment.external.deadline_ms=60000", "alignment.global.method=off"];
     let mut arguments = arguments(&settings);
     arguments.extend(["--log-level", "debug", "--log-format", "json"].map(str::to_owned));
-    // What the answering process prints goes to its log.
-    let own = std::env::current_exe().unwrap();
-    let command = format!("exec \\\"{}\\\" --exact {ANSWERER} --nocapture >&2", own.display());
-    arguments.extend(["--set".into(), format!("programs.registration.command=[\"sh\", \"-c\", \"{command}\"]")]);
+    arguments.extend(["--set".into(), answerer::logging_command()]);
     let mut command = stage.mirador(&arguments);
     let child = command.env(BEHAVIOUR, "honest").stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let finished = finish(child);
     ended_well(&stage, &finished);
-    let read: Vec<Vec<u64>> = log(&stage, "registration")
-        .lines()
-        .filter_map(|line| line.split(' ').map(|word| word.parse().ok()).collect::<Option<Vec<u64>>>())
-        .filter(|numbers| numbers.len() == 3)
-        .collect();
+    let read = answerer::requests(&log(&stage, "registration"));
     let written = support::places_of(&log(&stage, "alignment"), "keyframes");
     assert!(read.len() >= 7, "{read:?}");
-    for numbers in &read {
-        let place = (numbers[0], numbers[1], numbers[2]);
-        assert!(written.contains(&place), "{place:?} of {written:?}");
+    for (_, place) in &read {
+        assert!(written.contains(place), "{place:?} of {written:?}");
     }
+    // Each is aligned to the one before, and the request says so.
+    let pairs: Vec<(u32, u64)> = read.iter().map(|(target, (source, ..))| (*target, *source)).collect();
+    assert!((1..8).all(|k| pairs.contains(&(k as u32 - 1, k))), "{pairs:?}");
 }
 
 #[test]
@@ -343,9 +252,7 @@ fn compared(stage: &Stage, behaviour: &str, more: &[&str]) -> Option<Finished> {
 
 fn start_comparison(stage: &Stage, behaviour: &str, more: &[&str]) -> Option<Child> {
     let scans = support::data("external_registration", "handheld")?;
-    let own = std::env::current_exe().unwrap();
-    let command =
-        format!("programs.registration.command=[\"{}\", \"--exact\", \"{ANSWERER}\", \"--nocapture\"]", own.display());
+    let command = answerer::command();
     let mut arguments: Vec<&str> = vec!["bench", "registration", "--data", scans.to_str().unwrap()];
     arguments.extend(["--poses", "odometry.tum", "--max-distance", "0.6", "--methods", "external,gicp"]);
     arguments.extend(["--json", "r.json", "--set", &command]);

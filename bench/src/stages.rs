@@ -147,7 +147,7 @@ fn surfaces_and_scores(
     let mut times = [const { Vec::new() }; 2];
     for repetition in 0..=repetitions {
         for Scored { points, scores, pose } in &mut *scans {
-            let scan = ScanView { points: points.as_slice(), grid: Some(drive.grid()) };
+            let scan = ScanView::with_grid(points.as_slice(), Some(drive.grid()));
             let begin = Instant::now();
             let surface = builder.build(scan, &surface_config)?;
             let built = begin.elapsed();
@@ -175,7 +175,7 @@ fn one_tour(
     map.set_threads(threads);
     let (mut condenser, mut kept) = (Condenser::new(), Vec::new());
     for scan in scans {
-        let view = ScanView { points: &scan.points, grid: Some(drive.grid()) };
+        let view = ScanView::with_grid(&scan.points, Some(drive.grid()));
         let begin = Instant::now();
         let (evidence, _) = condenser.condense(view, &scan.scores, &scan.pose, &config, threads)?;
         let condensed = begin.elapsed();

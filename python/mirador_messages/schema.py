@@ -407,7 +407,7 @@ class RegistrationRequestMeta(Record):
     _fields_ = [
         # Names the source scan.
         ("header", Header),
-        # Id of the last accepted scan, which is the target unless an older one is nearer; u64::MAX, as the id of the header, where the pair is one of older scans.
+        # Id of the target scan; u64::MAX where the target is several scans together.
         ("target_id", ctypes.c_uint64),
         # target_from_source to start from, row-major 4x4.
         ("initial_target_from_source", ctypes.c_double * 16),

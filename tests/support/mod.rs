@@ -4,6 +4,7 @@
 
 #![allow(dead_code, reason = "every test target uses another part of it")]
 
+pub mod answerer;
 pub mod moving;
 pub mod observer;
 pub mod outputs;

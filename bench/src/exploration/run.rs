@@ -130,7 +130,7 @@ impl Exploration {
             let returns = points.iter().filter(|point| point.is_return());
             distances.sample(&world.scene, returns.map(|point| map_from_scanner * point.position()));
             let arrived = Instant::now();
-            mapper.take_in(ScanView { points: &points, grid: Some(scanner.grid()) }, &map_from_scanner)?;
+            mapper.take_in(ScanView::with_grid(&points, Some(scanner.grid())), &map_from_scanner)?;
             let situation = Situation {
                 threads: self.threads,
                 ..situation(&map_from_scanner, self.scanner.height_m, scan, self.seed)

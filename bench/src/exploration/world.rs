@@ -147,7 +147,7 @@ impl World {
             let Some(pose) = self.scanner_pose(*place, 0.0, config.height_m) else { continue };
             let seed = ScanSeed { seed: 0, scan: scan as u64 };
             scanner.scan(&self.scene, &pose, seed, threads, &mut points, None)?;
-            mapper.take_in(ScanView { points: &points, grid: Some(scanner.grid()) }, &pose)?;
+            mapper.take_in(ScanView::with_grid(&points, Some(scanner.grid())), &pose)?;
         }
         let (quality, coverage) = self.judge(&mapper.map);
         Ok(WorldQuality { scans: places.len(), spacing_m: CEILING_SPACING_M, quality, coverage })

@@ -104,7 +104,7 @@ fn drive(
     let (mut points, mut rows) = (Vec::new(), Vec::new());
     for (k, pose) in drive.truth.iter().enumerate() {
         drive.scan(k, &mut points)?;
-        mapper.take_in(ScanView { points: &points, grid: Some(drive.grid()) }, pose)?;
+        mapper.take_in(ScanView::with_grid(&points, Some(drive.grid())), pose)?;
         // As in the service: where the robot has driven, it can drive.
         if let Some(before) = k.checked_sub(1).and_then(|k| drive.truth.get(k)) {
             mapper.map.drove(&[before, pose].map(|at| [at.translation.x, at.translation.y]));

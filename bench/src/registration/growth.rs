@@ -34,7 +34,7 @@ pub(super) fn rows(
         let (mut steps, mut points) = (Vec::new(), Vec::new());
         for k in 0..drive.truth.len() {
             drive.scan(k, &mut points)?;
-            let view = ScanView { points: &points, grid: Some(drive.grid()) };
+            let view = ScanView::with_grid(&points, Some(drive.grid()));
             steps.push(mapper.step(view, drive.priors.get(k).copied()));
             let scans = k + 1;
             if scans % 500 == 0 {

@@ -45,7 +45,7 @@ pub(super) fn rows(
             let mut mapper = Mapper::new(registry, method, threads, CorrectionMethod::PoseGraph)?;
             let mut steps = Vec::new();
             for (points, prior) in scans.iter().zip(&drive.priors) {
-                let view = ScanView { points, grid: Some(drive.grid()) };
+                let view = ScanView::with_grid(points, Some(drive.grid()));
                 steps.push(mapper.step(view, Some(*prior)));
             }
             // The first scan only defines the map.

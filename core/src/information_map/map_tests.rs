@@ -36,7 +36,7 @@ fn flat_evidence(pose: &Pose) -> ScanEvidence {
 }
 
 fn evidence_of(points: &[Point], scores: &[PointScore], grid: Option<Grid>, pose: &Pose) -> ScanEvidence {
-    let scan = ScanView { points, grid };
+    let scan = ScanView::with_grid(points, grid);
     Condenser::new().condense(scan, scores, pose, &MapConfig::default(), 1).unwrap().0.clone()
 }
 
@@ -205,7 +205,7 @@ fn a_scan_that_does_not_fit_its_scores_is_refused_and_changes_nothing() {
         map.insert(scan, &[ground()], &Pose::identity()),
         Err(InsertError::CountMismatch { points: 3, scores: 1 })
     );
-    let wrong = ScanView { points: &points, grid: Some(Grid { rows: usize::MAX, cols: 2 }) };
+    let wrong = ScanView::with_grid(&points, Some(Grid { rows: usize::MAX, cols: 2 }));
     assert!(matches!(map.insert(wrong, &[ground(); 3], &Pose::identity()), Err(InsertError::GridMismatch { .. })));
     assert_eq!((map.revision(), map.tiles().count()), (0, 0));
 }

@@ -27,6 +27,8 @@ const SAME_SCALE: f64 = 0.95;
 const UNPOLISHED_M: f64 = 2e-3;
 /// They end with steps that move the points by less than this share of the scale.
 const POLISHED_SHARE: f64 = 0.02;
+/// Farther than this share of the robust scale the last steps have gone somewhere else.
+const FAR_FOR_POLISHING: f64 = 0.1;
 /// Most steps with a scale of the scans' own.
 const MOST_POLISHING: u32 = 20;
 /// A cost below this share of the start's, over the sparse points, is below the start's over all points, too.
@@ -124,7 +126,16 @@ impl<'a> Problem<'a> {
         // Which directions the scans hold is told by all pairs that may be right, before the scale leaves only the best.
         let constraint = M::evidence(&sum).plane.constraint(self.config.constrained_eigenvalue);
         if self.polishes::<M>() && !walk.best.limited {
+            let coarse = walk.best;
             self.polish::<M>(&mut walk, &constraint, &mut sum, &mut rooms.own);
+            // It is for the last millimetres: what went farther by the finer scale must not be worse than the start by the one told.
+            let moved = coarse.pose.inverse() * walk.best.pose;
+            let moved_m = moved.translation.vector.norm() + geometry::rotation_angle(&moved) * constraint.length_m;
+            let is_far = moved_m > FAR_FOR_POLISHING * self.config.robust_scale_m;
+            if is_far && start_cost.is_some_and(|cost| cost < walk.best.cost) {
+                (walk.best, walk.pose, walk.limited) = (coarse, coarse.pose, coarse.limited);
+                sum = self.pass::<M>(Detail::Full, &Walk::new(coarse.pose, self.final_gate()), &mut rooms.own);
+            }
         }
         self.report::<M>(&walk, &sum, constraint)
     }

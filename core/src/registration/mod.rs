@@ -46,4 +46,4 @@ pub(crate) use keyframe::floor;
 pub use limits::Limits;
 pub use registry::{Registry, RegistryError};
 pub use robust::RobustKernel;
-pub use traits::{AlignError, PrepareError, PreparedScan, Registration};
+pub use traits::{AlignError, PairIds, PrepareError, PreparedScan, Registration};

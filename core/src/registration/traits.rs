@@ -38,6 +38,18 @@ pub trait Registration: Send {
         initial_target_from_source: &Pose,
         limits: &Limits,
     ) -> Result<Alignment, AlignError>;
+
+    /// Says which scans the next alignments are of, for a method that asks or tells somebody else. Results never depend on it.
+    fn name_pair(&mut self, _pair: PairIds) {}
+}
+
+/// The ids of two scans that are to be aligned; `None` for what is no single scan, or not known by an id.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PairIds {
+    /// Of the target; `None` for a submap.
+    pub target: Option<u64>,
+    /// Of the source.
+    pub source: Option<u64>,
 }
 
 /// A scan as one method prepared it; the keyframe that alignment keeps of a scan.

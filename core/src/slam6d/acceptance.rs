@@ -169,6 +169,12 @@ pub enum Rejection {
         /// distance of the points.
         slid_m: f64,
     },
+    /// Registration has taken many steps along a direction that the scans hardly hold, and ended near the prior all the same.
+    #[error("registration took {iterations} steps along a direction that the scans hardly hold")]
+    Unsure {
+        /// Steps taken.
+        iterations: u32,
+    },
     /// A refinement that overlaps no more than what it began from, or leads away from the prior.
     #[error(
         "overlap {overlap:.3} after {before:.3}, or farther from the prior than is likely: it stays where it was found"

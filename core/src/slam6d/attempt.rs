@@ -1,11 +1,11 @@
 //! One attempt to align a scan, from a start to a result that is accepted or not.
 
 use super::farther::Farthest;
-use super::prior::{hold_weak_directions, weigh};
+use super::prior::{Slide, hold_weak_directions, weigh};
 use super::sequential::{SequentialAligner, normalised};
 use super::{AlignmentRecord, AlignmentStatus, Hypothesis, HypothesisName, Rejection, TargetState};
 use crate::geometry::{Pose, adjoint};
-use crate::registration::{AlignError, Alignment, Limits, PreparedScan};
+use crate::registration::{AlignError, Alignment, Limits, PairIds, PreparedScan};
 
 /// So many times the distance from the prior is allowed when nothing else has fitted: a robot that has slid believes its wheels
 /// too much, and one whose scan is not aligned is lost.
@@ -33,8 +33,13 @@ impl SequentialAligner {
     ) -> bool {
         let &Attempt { target, scan, start, pair_distance_m, .. } = attempt;
         let limits = Limits { pair_distance_m, ..self.config.limits };
+        let target_id = (attempt.name != HypothesisName::Submap).then_some(target.scan_id);
+        self.registration.name_pair(PairIds { target: target_id, source: Some(record.scan_id) });
         let result = self.registration.align(scan, source, &start, &limits);
         let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
+        if let Some(Rejection::NotConverged { .. }) = hypothesis.rejected {
+            self.keep_held(attempt, hypothesis.overlap, None);
+        }
         let alignment = alignment.and_then(|alignment| self.believe(alignment, &mut hypothesis, attempt, source));
         self.note_farthest(target, &hypothesis);
         record.iterations += hypothesis.iterations;
@@ -61,12 +66,19 @@ impl SequentialAligner {
             }
         }
         let ended = normalised(attempt.target.map_from_scanner * alignment.target_from_source);
-        let (slid_m, contradiction) = self.weigh(&mut alignment, attempt);
+        let (slide, contradiction) = self.weigh(&mut alignment, attempt);
         let second = self.second_look(&alignment, contradiction, attempt, source);
-        if slid_m > 0.0 && !is_farther {
-            // Where registration has ended is not believed; what is left of it is, when nothing else fits.
-            hypothesis.rejected = Some(second.err().unwrap_or(Rejection::Slid { slid_m }));
-            self.note_slid(attempt, ended, alignment, hypothesis.rejected.as_ref());
+        // Where registration has ended is not believed; what is left of it is, when nothing else fits.
+        let has_slid = slide.slid_m > 0.0;
+        if !is_farther && (has_slid || slide.is_unsure) {
+            let (slid_m, iterations, overlap) = (slide.slid_m, alignment.iterations, alignment.overlap);
+            let doubt = if has_slid { Rejection::Slid { slid_m } } else { Rejection::Unsure { iterations } };
+            // A refinement begins where another attempt has ended and so confirms nothing.
+            if has_slid && attempt.name != HypothesisName::Submap {
+                self.note_slid(ended, overlap);
+            }
+            self.keep_held(attempt, overlap, second.is_ok().then_some(alignment));
+            hypothesis.rejected = Some(second.err().unwrap_or(doubt));
             return None;
         }
         hypothesis.result = alignment.target_from_source;
@@ -88,22 +100,23 @@ impl SequentialAligner {
         }
     }
 
-    /// Weighs an alignment with the prior if that came with a covariance. How far it had slid and was taken back [m]; and where
+    /// Weighs an alignment with the prior if that came with a covariance. How far it had slid and was taken back; and where
     /// the two contradict each other, by how many standard deviations.
-    fn weigh(&self, alignment: &mut Alignment, attempt: &Attempt<'_>) -> (f64, Option<f64>) {
+    fn weigh(&self, alignment: &mut Alignment, attempt: &Attempt<'_>) -> (Slide, Option<f64>) {
         let gate = self.config.prior_gate_sigmas;
         let covariance = self.prior.and_then(|prior| prior.covariance).filter(|_| gate > 0.0);
-        let Some((covariance, guess)) = covariance.zip(self.guess_by_prior()) else { return (0.0, None) };
+        let Some((covariance, guess)) = covariance.zip(self.guess_by_prior()) else { return (Slide::default(), None) };
         let expected = attempt.target.map_from_scanner.inverse() * guess;
         let is_confirmed = attempt.name == HypothesisName::Farther && self.slid.is_confirmed();
-        let slid_m = if is_confirmed { 0.0 } else { hold_weak_directions(alignment, &expected, &covariance) };
-        (slid_m, weigh(alignment, &expected, &covariance, gate).err())
+        let slide =
+            if is_confirmed { Slide::default() } else { hold_weak_directions(alignment, &expected, &covariance) };
+        (slide, weigh(alignment, &expected, &covariance, gate).err())
     }
 
     /// Weighs an alignment that overlaps little, contradicts the prior or went farther than allowed by evidence of its own. One
     /// that overlaps little and contradicts the prior is not believed while others are to be tried: scans that share little
     /// often fit somewhere else as well.
-    fn second_look(
+    pub(super) fn second_look(
         &mut self,
         alignment: &Alignment,
         contradiction: Option<f64>,

@@ -27,6 +27,7 @@ mod submap;
 #[cfg(test)]
 mod tests;
 mod verifier;
+mod with_prior;
 
 pub use acceptance::{AcceptanceConfig, Rejection};
 pub use distribution::{distribute, shares};

@@ -83,15 +83,22 @@ const HELD_BELOW: f64 = 0.1;
 /// What is taken back is known no better than this by registration [m].
 const HELD_SIGMA_M: f64 = 2.0;
 
+/// What is to be thought of an alignment along the directions that the scans hold but weakly.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Slide {
+    /// By how much [m] it had slid and was taken back, the distance of the points counting for rotations; 0 where nothing was.
+    pub slid_m: f64,
+    /// It came slowly along such a direction, and not far.
+    pub is_unsure: bool,
+}
+
 /// Takes the pose back to the expected one along directions that the scans hold but weakly, where registration has left it by
-/// more than the prior makes likely: along a wall it slides far for little. What it found in all other directions stays. By how
-/// much [m] it had slid, the distance of the points counting for rotations; 0 where nothing is taken back.
-pub(super) fn hold_weak_directions(alignment: &mut Alignment, expected: &Pose, prior: &Covariance) -> f64 {
-    let constraint = &alignment.constraint;
-    let is_slow = alignment.iterations >= SLOW && alignment.overlap < SLOW_BELOW_OVERLAP;
+/// more than the prior makes likely: along a wall it slides far for little. What it found in all other directions stays.
+pub(super) fn hold_weak_directions(alignment: &mut Alignment, expected: &Pose, prior: &Covariance) -> Slide {
+    let is_slow = is_slow(alignment);
     let weak = if is_slow { WEAK_IF_SLOW } else { WEAK };
-    let scale = Covariance::from_diagonal(&constraint.scale());
-    let Some(back) = scale.try_inverse() else { return 0.0 };
+    let scale = Covariance::from_diagonal(&alignment.constraint.scale());
+    let Some(back) = scale.try_inverse() else { return Slide::default() };
     let spread = scale * prior * scale;
     let mut error = scale * log(&(expected.inverse() * alignment.target_from_source));
     let found = error;
@@ -99,29 +106,58 @@ pub(super) fn hold_weak_directions(alignment: &mut Alignment, expected: &Pose, p
         let along = direction.dot(&found);
         along.powi(2) > weak.sigmas.powi(2) * direction.dot(&(spread * direction))
     };
-    let directions = |below: f64| {
-        let weaker = (0..6).filter(move |&k| constraint.is_constrained(k) && constraint.eigenvalues[k] < below);
-        weaker.map(|k| constraint.directions.column(k).into_owned())
+    let weakest = weaker_than(alignment, weak.eigenvalue);
+    let slides = weakest.iter().any(is_far);
+    if !slides {
+        add_unknown(alignment, &weakest, weak.sigma_m);
+        return Slide { slid_m: 0.0, is_unsure: is_slow && !weakest.is_empty() };
+    }
+    let held = match is_slow {
+        true => weaker_than(alignment, HELD_BELOW),
+        false => weakest.into_iter().filter(is_far).collect(),
     };
-    let slides = directions(weak.eigenvalue).any(|direction| is_far(&direction));
-    let (mut unknown, mut slid_sq) = (Covariance::zeros(), 0.0);
-    for direction in directions(if slides && is_slow { HELD_BELOW } else { weak.eigenvalue }) {
-        let is_held = slides && (is_slow || is_far(&direction));
-        if is_held {
-            let along = direction.dot(&found);
-            error -= along * direction;
-            slid_sq += along.powi(2);
-        }
-        let sigma_m = if is_held { HELD_SIGMA_M } else { weak.sigma_m };
-        unknown += sigma_m.powi(2) * direction * direction.transpose();
+    let mut slid_sq = 0.0;
+    for direction in &held {
+        let along = direction.dot(&found);
+        error -= along * direction;
+        slid_sq += along.powi(2);
     }
+    add_unknown(alignment, &held, HELD_SIGMA_M);
+    alignment.target_from_source = expected * exp(&(back * error));
+    alignment.target_from_source.rotation.renormalize();
+    Slide { slid_m: slid_sq.sqrt(), is_unsure: false }
+}
+
+/// Whether an alignment came in many steps, of scans that share little.
+fn is_slow(alignment: &Alignment) -> bool {
+    alignment.iterations >= SLOW && alignment.overlap < SLOW_BELOW_OVERLAP
+}
+
+/// Whether an alignment came in many steps along a direction that the scans hardly hold, so that it may be wrong along it.
+pub(super) fn is_unsure(alignment: &Alignment) -> bool {
+    is_slow(alignment) && !weaker_than(alignment, WEAK_IF_SLOW.eigenvalue).is_empty()
+}
+
+/// Lets an alignment be no surer along directions that the scans hardly hold than one that came slowly is.
+pub(super) fn doubt_weak_directions(alignment: &mut Alignment) {
+    let weak = weaker_than(alignment, WEAK_IF_SLOW.eigenvalue);
+    add_unknown(alignment, &weak, WEAK_IF_SLOW.sigma_m);
+}
+
+/// The directions that the pairs hold, but by less than this; rotations times the distance of the points.
+fn weaker_than(alignment: &Alignment, eigenvalue: f64) -> Vec<Twist> {
+    let constraint = &alignment.constraint;
+    let weaker = (0..6).filter(|&k| constraint.is_constrained(k) && constraint.eigenvalues[k] < eigenvalue);
+    weaker.map(|k| constraint.directions.column(k).into_owned()).collect()
+}
+
+/// So much [m] more is unknown along each of the directions.
+fn add_unknown(alignment: &mut Alignment, directions: &[Twist], sigma_m: f64) {
+    let scale = Covariance::from_diagonal(&alignment.constraint.scale());
+    let Some(back) = scale.try_inverse() else { return };
+    let spread = |direction: &Twist| sigma_m.powi(2) * direction * direction.transpose();
+    let unknown = directions.iter().map(spread).fold(Covariance::zeros(), |sum, one| sum + one);
     alignment.covariance += back * unknown * back;
-    if slid_sq > 0.0 {
-        let mut pose = expected * exp(&(back * error));
-        pose.rotation.renormalize();
-        alignment.target_from_source = pose;
-    }
-    slid_sq.sqrt()
 }
 
 #[cfg(test)]
@@ -173,7 +209,7 @@ mod tests {
                 ..Constraint::none(0.001)
             };
             let mut found = Alignment { constraint, iterations, overlap, ..alignment(expected * off, [0.02; 6]) };
-            let slid = hold_weak_directions(&mut found, &expected, &prior());
+            let slid = hold_weak_directions(&mut found, &expected, &prior()).slid_m;
             (log(&(expected.inverse() * found.target_from_source)), found.covariance[(0, 0)].sqrt(), slid)
         };
         for (along, eigenvalue, iterations) in [(0.46, 0.002, 9), (0.46, 0.002, 40), (0.25, 0.025, 26)] {

@@ -213,9 +213,9 @@ impl SequentialAligner {
                 || (self.guess_by_prior().is_some() && self.retry(record, name, &guess, older, source))
         };
         accepted
-            || self.accept_held(record)
+            || self.accept_held(record, last, older, source)
             || (self.is_sure() && self.go_farther(record, last, older, source))
-            || self.accept_held(record)
+            || self.accept_held(record, last, older, source)
     }
 
     /// The record of a scan of which only the guess is known.

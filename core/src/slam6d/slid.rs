@@ -1,19 +1,23 @@
 //! A scan that registration slides along a direction which the scans hardly hold. Mostly that is by chance, and each attempt ends
-//! somewhere else, or slides on from where it ended: then the prior holds that direction and registration the others. Where two
+//! somewhere else, or slides on from where it ended: then it is registered with the prior (see `with_prior`). Where two
 //! attempts end at one place and a third stays there, it is the robot that has slid, or has stood while its wheels turned, and
 //! what is wrong is the prior.
 
 use super::attempt::{Attempt, complete};
 use super::farther::Farthest;
+use super::older_scans::OlderScans;
 use super::prior::SLOW;
 use super::sequential::SequentialAligner;
 use super::{AlignmentRecord, Hypothesis, HypothesisName, Rejection, TargetState};
 use crate::geometry::{Pose, rotation_angle};
-use crate::registration::Alignment;
+use crate::registration::{Alignment, PairIds, PreparedScan};
 
 /// Two attempts that end so near to one another have come to one place [m, rad].
 const ONE_PLACE_M: f64 = 0.1;
 const ONE_PLACE: f64 = 0.02;
+/// An attempt that ends so near to where it began has stayed, however many steps it took [m, rad].
+const SAME_PLACE_M: f64 = 0.005;
+const SAME_PLACE: f64 = 0.001;
 
 /// What attempts that slid have come to, for the scan that is being aligned.
 #[derive(Debug, Clone, Default)]
@@ -22,16 +26,20 @@ pub(super) struct Slid {
     ended: Vec<Pose>,
     /// Whether two have ended at one place.
     is_confirmed: bool,
-    /// The one that overlaps most, taken back to the prior along what it had slid.
+    /// Of the attempts that slid, or may have, the one that overlaps most.
     held: Option<Held>,
 }
 
-/// An alignment that was taken back.
+/// An attempt that the prior is to hold.
 #[derive(Debug, Clone)]
 struct Held {
+    name: HypothesisName,
     target: TargetState,
     start: Pose,
-    alignment: Alignment,
+    pair_distance_m: f64,
+    overlap: f64,
+    /// What is left of it when the slide is taken back, unless something speaks against that.
+    taken_back: Option<Alignment>,
 }
 
 impl Slid {
@@ -46,59 +54,77 @@ impl Slid {
         self.is_confirmed
     }
 
-    /// Whether an attempt from the confirmed place has stayed there, without many steps. If not, it is confirmed no more.
+    /// Whether an attempt from the confirmed place has stayed there, without many steps or all but exactly. If not, it is confirmed
+    /// no more.
     ///
     /// # Errors
     /// [`Rejection::Slid`].
     pub fn check_that_it_stays(&mut self, start: &Pose, alignment: &Alignment) -> Result<(), Rejection> {
-        self.is_confirmed &= alignment.iterations < SLOW && are_one(start, &alignment.target_from_source);
+        let ended = &alignment.target_from_source;
+        let stays = alignment.iterations < SLOW && are_within(start, ended, ONE_PLACE_M, ONE_PLACE);
+        self.is_confirmed &= stays || are_within(start, ended, SAME_PLACE_M, SAME_PLACE);
         let slid_m = (start.inverse() * alignment.target_from_source).translation.vector.norm();
         if self.is_confirmed { Ok(()) } else { Err(Rejection::Slid { slid_m }) }
     }
 }
 
-fn are_one(place: &Pose, other: &Pose) -> bool {
+fn are_within(place: &Pose, other: &Pose, metres: f64, radians: f64) -> bool {
     let apart = other.inverse() * place;
-    apart.translation.vector.norm() < ONE_PLACE_M && rotation_angle(&apart) < ONE_PLACE
+    apart.translation.vector.norm() < metres && rotation_angle(&apart) < radians
 }
 
 impl SequentialAligner {
-    /// Remembers an attempt that slid: where it ended, and what is left of it when that is taken back. A refinement begins where
-    /// another attempt has ended and so confirms nothing.
-    pub(super) fn note_slid(
-        &mut self,
-        attempt: &Attempt<'_>,
-        ended: Pose,
-        alignment: Alignment,
-        rejected: Option<&Rejection>,
-    ) {
-        if attempt.name == HypothesisName::Submap {
-            return;
-        }
-        if self.slid.ended.iter().any(|other| are_one(other, &ended)) {
+    /// Remembers where an attempt ended that slid far from the prior, `map_from_scanner`.
+    pub(super) fn note_slid(&mut self, ended: Pose, overlap: f64) {
+        if self.slid.ended.iter().any(|other| are_within(other, &ended, ONE_PLACE_M, ONE_PLACE)) {
             self.slid.is_confirmed = true;
-            self.farthest = Some(Farthest { place: ended, overlap: alignment.overlap });
+            self.farthest = Some(Farthest { place: ended, overlap });
         }
         self.slid.ended.push(ended);
-        let is_better = self.slid.held.as_ref().is_none_or(|held| alignment.overlap > held.alignment.overlap);
-        if is_better && matches!(rejected, Some(Rejection::Slid { .. })) {
-            self.slid.held = Some(Held { target: *attempt.target, start: attempt.start, alignment });
+    }
+
+    /// Keeps an attempt that slid, or may have, for the case that nothing else fits: of several the one that overlaps most. There is
+    /// nothing to go back to from a refinement or from a place where the prior does not have the scan.
+    pub(super) fn keep_held(&mut self, attempt: &Attempt<'_>, overlap: f64, taken_back: Option<Alignment>) {
+        let is_from_prior = !matches!(attempt.name, HypothesisName::Submap | HypothesisName::Farther);
+        if is_from_prior && self.slid.held.as_ref().is_none_or(|held| overlap > held.overlap) {
+            let &Attempt { name, target, start, pair_distance_m, .. } = attempt;
+            self.slid.held = Some(Held { name, target: *target, start, pair_distance_m, overlap, taken_back });
         }
     }
 
-    /// Completes the record with what was taken back, if anything was and nothing speaks against it.
-    pub(super) fn accept_held(&mut self, record: &mut AlignmentRecord) -> bool {
+    /// Completes the record with what can be believed of the attempt that was kept: its scans registered with the prior, else what
+    /// is left of it without the slide.
+    pub(super) fn accept_held(
+        &mut self,
+        record: &mut AlignmentRecord,
+        last: (&TargetState, &dyn PreparedScan),
+        older: &mut dyn OlderScans,
+        source: &dyn PreparedScan,
+    ) -> bool {
         if self.slid.is_confirmed {
             return false;
         }
-        let Some(Held { target, start, alignment }) = self.slid.held.take() else { return false };
+        let Some(held) = self.slid.held.take() else { return false };
+        let Held { name, target, start, pair_distance_m, taken_back, .. } = held;
+        let is_last = target.scan_id == last.0.scan_id;
+        let other = if is_last { None } else { older.by_id(&*self.registration, target.scan_id) };
+        let other = other.as_ref().map(|(_, scan)| &**scan);
+        let Some(scan) = (if is_last { Some(last.1) } else { other }) else { return false };
+        let attempt = Attempt { name, target: &target, scan, start, pair_distance_m };
+        self.registration.name_pair(PairIds { target: Some(target.scan_id), source: Some(record.scan_id) });
+        let with_prior = self.register_with_prior(&attempt, source);
+        let with_prior = with_prior.filter(|found| self.second_look(found, None, &attempt, source).is_ok());
+        let iterations = with_prior.as_ref().map_or(0, |found| found.iterations);
+        let Some(alignment) = with_prior.or(taken_back) else { return false };
+        record.iterations += iterations;
         record.hypotheses.push(Hypothesis {
             name: HypothesisName::Held,
             start,
             result: alignment.target_from_source,
             overlap: alignment.overlap,
             residual_m: alignment.residual_rms_m,
-            iterations: 0,
+            iterations,
             rejected: None,
         });
         complete(record, &target, alignment);

@@ -36,7 +36,7 @@ impl SequentialAligner {
         members.push(target.clone());
         let target = &target.0;
         // What some methods need beside points cannot be made from these: then the record stays as it is.
-        let Ok(together) = self.registration().prepare(ScanView::unordered(&merged(target, &members))) else { return };
+        let Ok(together) = self.registration().prepare(ScanView::of_several(&merged(target, &members))) else { return };
         let pair_distance_m = self.config().limits.pair_distance_m;
         let (name, start) = (HypothesisName::Submap, target.map_from_scanner.inverse() * found);
         let attempt = Attempt { name, target, scan: &*together, start, pair_distance_m };

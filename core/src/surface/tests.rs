@@ -196,7 +196,7 @@ fn scans_of_no_or_few_cells_have_no_surface() {
 #[test]
 fn a_grid_that_is_not_that_of_the_points_is_refused() {
     let points = vec![Point::EMPTY; 5];
-    let scan = ScanView { points: &points, grid: Some(Grid { rows: 2, cols: 3 }) };
+    let scan = ScanView::with_grid(&points, Some(Grid { rows: 2, cols: 3 }));
     let error = SurfaceBuilder::new().build(scan, &SurfaceConfig::default()).unwrap_err();
     assert_eq!(error, SurfaceError::GridMismatch { points: 5, rows: 2, cols: 3 });
 }

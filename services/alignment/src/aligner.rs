@@ -50,14 +50,6 @@ impl Aligner {
         }
     }
 
-    /// Id of the scan that the next one is aligned to, where that is a scan.
-    pub fn target_id(&self) -> Option<u64> {
-        match self {
-            Self::Scan(aligner) => aligner.state().target.map(|target| target.scan_id),
-            Self::Continuous(_) => None,
-        }
-    }
-
     pub fn is_correction_due(&self) -> bool {
         match self {
             Self::Scan(aligner) => aligner.is_correction_due(),

@@ -15,7 +15,7 @@ use mirador_ipc_schema::{Participant, Pause, Publisher, Subscriber, Topic, clock
 use mirador_service_common::{ServiceError, log_place, nanoseconds};
 
 use crate::aligner::Aligner;
-use crate::external::{About, External, Link, Rules, Tally};
+use crate::external::{External, Link, Rules, Tally};
 use crate::intake::{Intake, Ready};
 use crate::messages::{self, Facts};
 use crate::restart::{make_aligner, make_method};
@@ -234,13 +234,11 @@ impl<'a> Alignment<'a> {
         self.intake.lend();
         let (begin, align_ns) = (Instant::now(), clock::monotonic_ns());
         if let Some(external) = &self.external {
-            let target_id = self.aligner.target_id().unwrap_or(u64::MAX);
-            external.tally.set_about(About { source: *scan.header(), target_id });
+            external.tally.set_newest(*scan.header());
         }
         let mut aligned = self.aligner.align(&scan, prepared, prior);
         if let Some(external) = &self.external {
             aligned.record.method = external.tally.last_method().to_owned();
-            external.tally.set_about(About::older_scans());
             external.tell(Header::about(scan.header(), began_ns))?;
         }
         let facts = Facts {

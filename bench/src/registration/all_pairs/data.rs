@@ -81,7 +81,7 @@ impl DataSet {
     /// A scan as methods take it.
     pub fn view(&self, scan: usize) -> ScanView<'_> {
         match self.scans.get(scan) {
-            Some(cloud) => ScanView { points: &cloud.points, grid: cloud.grid },
+            Some(cloud) => ScanView::with_grid(&cloud.points, cloud.grid),
             None => ScanView::unordered(&[]),
         }
     }

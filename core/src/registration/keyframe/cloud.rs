@@ -30,6 +30,8 @@ pub struct PreparedCloud {
     /// What the shape is fitted to, until it is.
     moments: Mutex<Vec<Moments>>,
     threads: usize,
+    /// Whether all was seen from the origin.
+    has_one_viewpoint: bool,
     /// One point of each brick, for the first steps, when much is still to be searched.
     sparse: KdTree,
     /// Of each sparse point, in the tree's order, the index of the point.
@@ -63,6 +65,7 @@ impl PreparedCloud {
             shape: OnceLock::new(),
             moments: Mutex::new(thinned.moments),
             threads: config.threads,
+            has_one_viewpoint: !scan.is_of_several,
             sparse,
             sparse_of,
         })
@@ -101,6 +104,11 @@ impl PreparedCloud {
             let cells = cells::fit(&self.voxels, &moments, &planes);
             Shape { planes, cells }
         })
+    }
+
+    /// Whether all was seen from the origin, the side to which the planes' normals point.
+    pub(in crate::registration) fn has_one_viewpoint(&self) -> bool {
+        self.has_one_viewpoint
     }
 
     /// The voxels that [`PreparedScan::points`] are the centroids of.

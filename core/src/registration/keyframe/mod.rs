@@ -10,5 +10,6 @@ mod windows;
 
 pub(super) use cells::Cell;
 pub use cloud::PreparedCloud;
+pub(super) use planes::Plane;
 pub(super) use search::LastBrick;
 pub(crate) use voxels::floor;

@@ -115,7 +115,7 @@ impl ContinuousAligner {
         let mut hypotheses = vec![self.hypothesis(&frame)];
         if frame.status == FrameStatus::Lost {
             self.state.lost_frames = self.state.lost_frames.saturating_add(1);
-            if let Some(found) = self.relocalise(scan, time, &frame, &mut hypotheses) {
+            if let Some(found) = self.relocalise((scan_id, scan), time, &frame, &mut hypotheses) {
                 frame = found;
             }
         }

@@ -5,7 +5,7 @@ use super::record::{normalised, symmetric};
 use super::state::Anchor;
 use crate::geometry::{Pose, adjoint};
 use crate::odometry::{FrameRecord, FrameTime, Odometry};
-use crate::registration::Alignment;
+use crate::registration::{Alignment, PairIds};
 use crate::scan::ScanView;
 use crate::slam6d::{Hypothesis, HypothesisName, Rejection};
 
@@ -17,7 +17,7 @@ impl ContinuousAligner {
     /// map's frame; the frame as it fits there.
     pub(super) fn relocalise(
         &mut self,
-        scan: ScanView<'_>,
+        (scan_id, scan): (u64, ScanView<'_>),
         time: Option<FrameTime>,
         lost: &FrameRecord,
         tried: &mut Vec<Hypothesis>,
@@ -39,6 +39,7 @@ impl ContinuousAligner {
             let distance_m = (map_from_node.translation.vector - place).norm();
             let registration = self.global.registration_mut();
             let Ok(target) = self.relocaliser.see_points(registration, &points) else { continue };
+            registration.name_pair(PairIds { target: Some(node), source: Some(scan_id) });
             let found = self.relocaliser.locate(registration, &target, &source);
             let fits = match found.trusted() {
                 Some(alignment) => self.begin_anew(scan, time, node, &map_from_node, alignment),

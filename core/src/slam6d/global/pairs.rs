@@ -8,7 +8,8 @@ use super::keyframe::Keyframe;
 use super::verification::Verification;
 use super::{GlobalConfig, PairKind, PairRecord, PairRejection, PairStart};
 use crate::geometry::{Covariance, Pose, log};
-use crate::registration::{AlignError, Alignment, Limits, PreparedScan, Registration};
+use crate::registration::{AlignError, Alignment, Limits, PairIds, PreparedScan, Registration};
+use crate::slam6d::prior::is_unsure;
 use crate::slam6d::{AcceptanceConfig, Rejection, SequentialConfig};
 
 /// Pairs are looked for at least this far at the start, however certain the prediction is [m].
@@ -135,6 +136,9 @@ impl Measuring<'_> {
         self.acceptance(candidate.kind)
             .judge(&alignment, &start, &self.limits(candidate), true)
             .map_err(PairRejection::Registration)?;
+        if is_unsure(&alignment) {
+            return Err(PairRejection::Registration(Rejection::Unsure { iterations: alignment.iterations }).into());
+        }
         let allowed = self.config.accept_sigmas;
         if record.sigmas > allowed {
             return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed }.into());
@@ -161,6 +165,8 @@ impl Measuring<'_> {
         let limits = self.limits(candidate);
         let (source, target) = (self.get(candidate.source)?, self.get(candidate.target)?);
         self.go_on()?;
+        let [target_id, source_id] = [candidate.target, candidate.source].map(|node| Some(self.scan_ids[node]));
+        self.registration.name_pair(PairIds { target: target_id, source: source_id });
         let result = self.registration.align(&*target, &*source, start, &limits);
         let failed = |e: AlignError| PairRejection::Registration(Rejection::Failed { reason: e.to_string() });
         Ok(result.map_err(failed)?)

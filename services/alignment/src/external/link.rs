@@ -9,7 +9,6 @@ use mirador_ipc_schema::{Participant, PortError, Publisher, Subscriber, Waiter, 
 use mirador_service_common::log_keyframes;
 
 use super::fault::Fault;
-use super::tally::About;
 
 /// Between two looks whether the process is still there.
 const LOOK: Duration = Duration::from_millis(20);
@@ -26,7 +25,10 @@ pub(crate) struct Question<'a> {
     pub source: &'a dyn PreparedScan,
     pub start: &'a Pose,
     pub limits: &'a Limits,
-    pub about: About,
+    /// Names the source scan.
+    pub header: Header,
+    /// Id of the target scan.
+    pub target_id: Option<u64>,
 }
 
 /// The ports.
@@ -156,8 +158,8 @@ impl Link {
         self.request += 1;
         let limits = question.limits;
         *loan.meta_mut() = RegistrationRequestMeta {
-            header: Header::about(&question.about.source, question.about.source.began_ns),
-            target_id: question.about.target_id,
+            header: Header::about(&question.header, question.header.began_ns),
+            target_id: question.target_id.unwrap_or(u64::MAX),
             initial_target_from_source: rows_from_pose(question.start),
             pair_distance_m: limits.pair_distance_m,
             max_translation_m: limits.max_translation_m,
@@ -168,7 +170,7 @@ impl Link {
             timeout_ms: self.deadline_ms,
             request: self.request,
         };
-        log_keyframes(question.about.source.scan(), || loan.location());
+        log_keyframes(question.header.scan(), || loan.location());
         loan.send().map_err(|e| not_sent(&e))
     }
 

@@ -13,7 +13,9 @@ mod tally;
 mod tests;
 
 use mirador_core::geometry::{Covariance, Pose, pose_from_rows, rotation_angle};
-use mirador_core::registration::{AlignError, Alignment, Constraint, Limits, PrepareError, PreparedScan, Registration};
+use mirador_core::registration::{
+    AlignError, Alignment, Constraint, Limits, PairIds, PrepareError, PreparedScan, Registration,
+};
 use mirador_core::scan::ScanView;
 use mirador_core::slam6d::AcceptanceConfig;
 use mirador_ipc_schema::messages::RegistrationResult;
@@ -23,7 +25,7 @@ pub use alone::ForeignRegistration;
 pub use config::ExternalConfig;
 pub use fault::FAULT_WORDS;
 pub(crate) use link::Link;
-pub(crate) use tally::{About, Tally};
+pub(crate) use tally::Tally;
 
 use crate::AlignmentConfig;
 use fault::Fault;
@@ -48,6 +50,7 @@ pub(crate) struct External {
     link: Link,
     tally: Tally,
     rules: Rules,
+    pair: PairIds,
 }
 
 /// What an answer is judged by.
@@ -68,7 +71,7 @@ impl Rules {
 
 impl External {
     pub fn new(fallback: Box<dyn Registration>, link: Link, tally: Tally, rules: Rules) -> Self {
-        Self { fallback, link, tally, rules }
+        Self { fallback, link, tally, rules, pair: PairIds::default() }
     }
 
     /// The alignment by an answer, or what is wrong with that.
@@ -143,15 +146,20 @@ impl Registration for External {
         if limits.max_iterations == 0 || !makes_sense {
             return self.fallback.align(target, source, start, limits);
         }
-        let question = Question { target, source, start, limits, about: self.tally.about() };
+        let header = self.tally.header_of(self.pair.source);
+        let question = Question { target, source, start, limits, header, target_id: self.pair.target };
         let result = self.by_answer(&question);
         self.link.remember(result.as_ref().err());
         result.or_else(|fault| {
             let fallback = self.fallback.name();
-            tracing::warn!(scan = question.about.source.scan(), fallback, "external registration: {fault}");
+            tracing::warn!(scan = header.scan(), fallback, "external registration: {fault}");
             self.tally.fell_back(&fault);
             self.fallback.align(target, source, start, limits)
         })
+    }
+
+    fn name_pair(&mut self, pair: PairIds) {
+        self.pair = pair;
     }
 }
 

@@ -9,25 +9,9 @@ use mirador_service_common::nanoseconds;
 
 use super::fault::{FAULT_WORDS, Fault};
 
-/// What the requests are about.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct About {
-    /// Names the source scan.
-    pub source: Header,
-    /// Id of the target scan.
-    pub target_id: u64,
-}
-
-impl About {
-    /// A pair of older scans, of which alignment knows the poses but registration not the names.
-    pub fn older_scans() -> Self {
-        Self { source: Header::new(u64::MAX, 0), target_id: u64::MAX }
-    }
-}
-
 #[derive(Debug)]
 struct Inner {
-    about: About,
+    newest: Header,
     status: RegistrationStatus,
     /// The last alignment was made by an answer.
     was_answered: bool,
@@ -43,17 +27,19 @@ pub(crate) struct Tally {
 impl Tally {
     pub fn new(fallback: &str) -> Self {
         let status = RegistrationStatus { fallback: text::pack(fallback), ..RegistrationStatus::default() };
-        let inner = Inner { about: About::older_scans(), status, was_answered: false };
+        let inner = Inner { newest: Header::new(u64::MAX, 0), status, was_answered: false };
         Self { inner: Arc::new(Mutex::new(inner)), fallback: fallback.to_owned() }
     }
 
-    /// The next requests are about this.
-    pub fn set_about(&self, about: About) {
-        self.lock().about = about;
+    /// This scan is aligned next.
+    pub fn set_newest(&self, scan: Header) {
+        self.lock().newest = scan;
     }
 
-    pub fn about(&self) -> About {
-        self.lock().about
+    /// A header that names a source scan: the newest has its own, of older ones only the id is known.
+    pub fn header_of(&self, source_id: Option<u64>) -> Header {
+        let newest = self.lock().newest;
+        if source_id == Some(newest.id) { newest } else { Header::new(source_id.unwrap_or(u64::MAX), 0) }
     }
 
     /// An answer was taken.

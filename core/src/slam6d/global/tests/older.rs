@@ -1,5 +1,8 @@
 //! Scans that do not fit the last accepted one.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use nalgebra::Vector3;
 
 use super::bent::{Asked, Bent};
@@ -194,18 +197,51 @@ fn a_refinement_that_leads_away_from_the_prior_leaves_the_scan_and_its_pair_in_t
     }
 }
 
+#[test]
+fn a_pair_that_came_in_many_steps_along_a_direction_that_the_scans_hardly_hold_is_refused() {
+    let pairs = |steps: u32| {
+        let is_correcting = Arc::new(AtomicBool::new(false));
+        let is_pair = Arc::clone(&is_correcting);
+        let bend = move |alignment: &mut Alignment, _: Asked<'_>| {
+            if is_pair.load(Ordering::Relaxed) {
+                (alignment.iterations, alignment.overlap) = (steps, 0.5);
+                alignment.constraint.eigenvalues[0] = 0.01;
+            }
+        };
+        let method = Box::new(Bent { method: method(1), bend });
+        let mut aligner = aligner(method, &GlobalConfig::default());
+        let mut pairs = Vec::new();
+        for k in 0..3 {
+            let scan = sector(&place(3 * k), 0.0, std::f64::consts::PI, k as u64 + 1);
+            assert!(aligner.align_next(k as u64, ScanView::unordered(&scan), Some(place(3 * k))).is_accepted());
+            is_correcting.store(true, Ordering::Relaxed);
+            pairs.extend(aligner.correct(&|| false).into_iter().flat_map(|correction| correction.pairs));
+            is_correcting.store(false, Ordering::Relaxed);
+        }
+        pairs
+    };
+    let (slow, quick) = (pairs(30), pairs(5));
+    assert!(!quick.is_empty() && quick.iter().all(|pair| pair.rejected.is_none()), "{quick:?}");
+    let unsure = PairRejection::Registration(Rejection::Unsure { iterations: 30 });
+    assert!(slow.len() == quick.len() && slow.iter().all(|pair| pair.rejected == Some(unsure.clone())), "{slow:?}");
+}
+
 /// Needs so many steps, and then ends to one side of where it belongs by a multiple of the pair distance, or of its start by so
-/// much; scans leave that direction all but open.
+/// much; scans leave that direction all but open. One step does not lead there.
 fn sliding(
     mut steps: Vec<u32>,
     off_by_gate: f64,
     off_from_start_m: Option<f64>,
 ) -> impl FnMut(&mut Alignment, Asked<'_>) + Send {
     move |alignment, asked| {
-        let needed = if steps.len() > 1 { steps.remove(0) } else { steps[0] };
+        let is_step = asked.limits.max_iterations == 1;
+        let needed = if steps.len() > 1 && !is_step { steps.remove(0) } else { steps[0] };
         (alignment.iterations, alignment.overlap) = (needed, 0.4);
         alignment.constraint.eigenvalues = [0.01, 0.1, 0.1, 0.2, 0.3, 0.4];
         alignment.constraint.directions = nalgebra::Matrix6::identity();
+        if is_step {
+            return;
+        }
         alignment.target_from_source *= Pose::translation(off_by_gate * asked.limits.pair_distance_m, 0.0, 0.0);
         if let Some(metres) = off_from_start_m {
             alignment.target_from_source = asked.start * Pose::translation(metres, 0.0, 0.0);

@@ -7,7 +7,7 @@ use std::time::Duration;
 use mirador_core::geometry::rows_from_pose;
 use mirador_core::registration::conformance::scenes::{CORRIDOR, YARD, scan_of};
 use mirador_core::scan::Point;
-use mirador_ipc_schema::messages::{self as m, KeyframePoint, RegistrationResult};
+use mirador_ipc_schema::messages::{self as m, Header, KeyframePoint, RegistrationResult};
 use mirador_ipc_schema::{Domain, StopSignal, topics};
 
 use super::*;
@@ -47,6 +47,26 @@ fn an_honest_answer_is_taken_with_its_covariance() {
     // Its covariance is the answer's: that of points once more thinned, which is another than gicp's.
     let own = align(&mut *built_in("gicp"), &scans, &Pose::identity(), &Limits::default());
     assert!(found.covariance != own.covariance && found.covariance.cholesky().is_some());
+}
+
+#[test]
+fn a_request_names_its_two_scans_and_a_submap_by_no_id() {
+    let mut stage = Stage::new(
+        PATIENT_MS,
+        Some(|request, items, results| {
+            let (target, source) = (request.target_id, (request.header.id, request.header.stamp_ns));
+            assert!(matches!((target, source), (7, (9, 5)) | (u64::MAX, (8, 0))), "{target} {source:?}");
+            send(results, honest(request, items))
+        }),
+    );
+    stage.tally.set_newest(Header::new(9, 5));
+    let scans = pair(&YARD, &truth());
+    // The newest scan to an older one, and an older one to several.
+    for pair in [PairIds { target: Some(7), source: Some(9) }, PairIds { target: None, source: Some(8) }] {
+        stage.own.as_mut().unwrap().0.name_pair(pair);
+        stage.align(&scans, &Pose::identity(), &Limits::default());
+    }
+    assert_eq!(stage.status().answered, 2, "{}", stage.last_fault());
 }
 
 #[test]
