@@ -55,7 +55,7 @@ fn decode<M: Decode>(bytes: &[u8]) -> M {
 fn a_viewer_sees_live_what_the_recording_has() {
     let stage = Stage::new();
     // By time, so that the viewer is there before the last scans.
-    let child = live(&stage, 0, &["--set", "graph.lockstep=false", "--set", "acquisition.speed=1"]);
+    let child = live(&stage, 0, &["--set", "graph.lockstep=false", "--set", "acquisition.speed=4"]);
     let port = said(&stage, "ws://").rsplit(':').next().unwrap().parse().unwrap();
     let mut viewer = Viewer::connect(port);
     let mut seen: BTreeMap<String, Vec<Vec<u8>>> = BTreeMap::new();
