@@ -36,7 +36,6 @@ struct Held {
     name: HypothesisName,
     target: TargetState,
     start: Pose,
-    pair_distance_m: f64,
     overlap: f64,
     /// What is left of it when the slide is taken back, unless something speaks against that.
     taken_back: Option<Alignment>,
@@ -88,8 +87,8 @@ impl SequentialAligner {
     pub(super) fn keep_held(&mut self, attempt: &Attempt<'_>, overlap: f64, taken_back: Option<Alignment>) {
         let is_from_prior = !matches!(attempt.name, HypothesisName::Submap | HypothesisName::Farther);
         if is_from_prior && self.slid.held.as_ref().is_none_or(|held| overlap > held.overlap) {
-            let &Attempt { name, target, start, pair_distance_m, .. } = attempt;
-            self.slid.held = Some(Held { name, target: *target, start, pair_distance_m, overlap, taken_back });
+            let &Attempt { name, target, start, .. } = attempt;
+            self.slid.held = Some(Held { name, target: *target, start, overlap, taken_back });
         }
     }
 
@@ -106,11 +105,12 @@ impl SequentialAligner {
             return false;
         }
         let Some(held) = self.slid.held.take() else { return false };
-        let Held { name, target, start, pair_distance_m, taken_back, .. } = held;
+        let Held { name, target, start, taken_back, .. } = held;
         let is_last = target.scan_id == last.0.scan_id;
         let other = if is_last { None } else { older.by_id(&*self.registration, target.scan_id) };
         let other = other.as_ref().map(|(_, scan)| &**scan);
         let Some(scan) = (if is_last { Some(last.1) } else { other }) else { return false };
+        let pair_distance_m = self.config.limits.pair_distance_m;
         let attempt = Attempt { name, target: &target, scan, start, pair_distance_m };
         self.registration.name_pair(PairIds { target: Some(target.scan_id), source: Some(record.scan_id) });
         let with_prior = self.register_with_prior(&attempt, source);
