@@ -26,7 +26,7 @@ pub use domain::{CleanupReport, Domain, DomainError};
 pub use messages::{Envelope, Header, ScanId};
 pub use port::{
     Bell, Counter, Counters, JoinError, Loan, LoanError, Participant, Pause, Peer, PortError, PublishError, Publisher,
-    ReceiveFailure, Received, SegmentLocation, SendFailure, StopSignal, Subscriber, Waiter, Wake, Wakeable,
+    ReceiveFailure, Received, SegmentLocation, SendFailure, StopSignal, Subscriber, Waiter, Wake, Wakeable, Watch,
 };
 pub use roll_call::RollCall;
 pub use topics::{Rules, Sizes, Topic};

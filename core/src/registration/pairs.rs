@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::PreparedScan;
-use super::keyframe::{Cell, LastBrick, Plane, PreparedCloud};
+use super::keyframe::{Cell, LastBrick, PreparedCloud};
 use crate::geometry::Pose;
 use crate::{simd, threads};
 
@@ -13,10 +13,6 @@ const BLOCK: usize = 2048;
 pub(super) const BATCH: usize = 256;
 /// Pairs summed up at once.
 pub(super) const LANES: usize = 8;
-
-/// A scanner is behind a plane when it lies so far on its other side, as a share of its distance from the point there: at a
-/// smaller angle the plane's direction is not known well enough.
-const BEHIND: f32 = 0.1;
 
 /// Source points and their nearest points of the target, in the axes of the target's frame under the pose on trial,
 /// side by side [m]. Past `count` the values mean nothing, but are finite.
@@ -157,18 +153,6 @@ impl<'a> Search<'a> {
         sum.add(settings, &pairs);
     }
 
-    /// Whether the source's scanner stands behind a plane that the target's scanner has seen from the front: then what it has seen
-    /// there is the other side of something thin, as a wall or a car, and no pair. Along streets these are many, and pull the scans
-    /// together by the thickness of the walls.
-    #[inline(always)]
-    fn is_seen_from_behind(&self, plane: &Plane, point: &[f32; 3], arm: &[f32; 3]) -> bool {
-        let square = |v: &[f32; 3]| v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
-        let [x, y, z] = self.translation;
-        let source = plane.normal[0] * x + plane.normal[1] * y + plane.normal[2] * z - plane.offset;
-        let is_clear = |distance: f32, to_point: f32| distance * distance > BEHIND * BEHIND * to_point;
-        source < 0.0 && is_clear(source, square(arm)) && is_clear(plane.offset, square(point))
-    }
-
     /// Appends the pair of one source point, if it has a partner.
     #[inline(always)]
     fn pair(&self, index: u32, last: &mut LastBrick, pairs: &mut Pairs<'_>) {
@@ -189,7 +173,7 @@ impl<'a> Search<'a> {
         };
         let Some((partner, distance_sq)) = found else { return };
         let (point, plane) = (target.points()[partner as usize], &target.planes()[partner as usize]);
-        if self.sees_sides && self.is_seen_from_behind(plane, &point, &arm) {
+        if self.sees_sides && plane.is_seen_from_behind(&point, &self.translation, &arm) {
             return;
         }
         let n = pairs.count;
@@ -283,21 +267,9 @@ impl<'a> Pairs<'a> {
 #[cfg(test)]
 mod tests {
     use crate::geometry::Pose;
-    use crate::registration::test_scenes::{Rectangle, scan_of};
+    use crate::registration::test_scenes::half_of_a_hall;
     use crate::registration::{Limits, RegistrationConfig, Registry};
     use crate::scan::ScanView;
-
-    /// A hall, one face of the wall across its middle, and a high wall that is seen over that from both sides.
-    fn half_of_a_hall(face_x_m: f64, scanner: &Pose, seed: u64) -> Vec<crate::scan::Point> {
-        let scene: [Rectangle; 5] = [
-            ([-10.0, -8.0, -1.0], [20.0, 0.0, 0.0], [0.0, 16.0, 0.0]),
-            ([-10.0, -8.0, -1.0], [20.0, 0.0, 0.0], [0.0, 0.0, 3.0]),
-            ([-10.0, 8.0, -1.0], [20.0, 0.0, 0.0], [0.0, 0.0, 3.0]),
-            ([face_x_m, -8.0, -1.0], [0.0, 16.0, 0.0], [0.0, 0.0, 2.0]),
-            ([9.0, -3.0, 2.5], [0.0, 6.0, 0.0], [0.0, 0.0, 1.5]),
-        ];
-        scan_of(&scene, scanner, 40.0, seed)
-    }
 
     #[test]
     fn the_two_faces_of_a_wall_between_the_scanners_are_no_pairs() {

@@ -9,6 +9,7 @@ mod publisher;
 mod stop;
 mod subscriber;
 mod wait;
+mod watch;
 
 pub use bell::Bell;
 pub use counters::{Counter, Counters};
@@ -19,6 +20,7 @@ pub use publisher::{Loan, LoanError, PublishError, Publisher, SendFailure};
 pub use stop::StopSignal;
 pub use subscriber::{ReceiveFailure, Received, Subscriber};
 pub use wait::{Pause, Wakeable};
+pub use watch::Watch;
 
 /// The variant of iceoryx2 whose ports and samples can be handed to another thread.
 type Ipc = iceoryx2::prelude::ipc_threadsafe::Service;

@@ -200,6 +200,17 @@ impl Participant {
         super::wait::wait(self.wake, ports, timeout, &self.stop)
     }
 
+    /// As [`Participant::wait`], for messages that are [announced](Publisher::announce): once woken it looks for the message for
+    /// a moment, on a core of its own, before it sleeps again.
+    pub fn wait_announced(&self, ports: &[&dyn super::Wakeable], timeout: Duration) -> super::Pause {
+        super::wait::wait_announced(self.wake, ports, timeout, &self.stop)
+    }
+
+    /// Looks for a moment for a message that was announced, without sleeping; whether one is there.
+    pub fn look(&self, ports: &[&dyn super::Wakeable]) -> bool {
+        super::wait::look(ports, &self.stop)
+    }
+
     /// What waits as this participant does, for a thread that has taken some of the ports.
     #[must_use]
     pub fn waiter(&self) -> Waiter {

@@ -185,8 +185,13 @@ impl<T: Topic> Publisher<T> {
         tracing::debug!(topic = T::RULES.name, "a late joiner could not be connected yet");
     }
 
-    /// Wakes the readers without a message, for example after a late joiner was served.
-    pub fn wake_readers(&self) {
+    /// Wakes the readers ahead of a message that is all but ready: those that [wait for what is announced](Participant::wait_announced)
+    /// are awake and look for it when it comes, instead of beginning to wake up.
+    pub fn announce(&self) {
+        self.wake_readers();
+    }
+
+    fn wake_readers(&self) {
         // A full event queue means that the reader is awake anyway.
         let _ = self.notifier.notify();
     }

@@ -27,6 +27,36 @@ pub struct Pause {
     pub woke_ns: u64,
 }
 
+/// How long a message that was announced is looked for before the reader sleeps again: announcements come some tens of
+/// microseconds ahead, and whoever is looked for in vain for so long has been interrupted.
+const ANNOUNCED: Duration = Duration::from_micros(300);
+
+/// Looks for an announced message without sleeping; whether one of the ports has one.
+pub(super) fn look(ports: &[&dyn Wakeable], stop: &StopSignal) -> bool {
+    let begin = Instant::now();
+    loop {
+        if ports.iter().any(|port| port.is_ready()) {
+            return true;
+        }
+        if stop.is_set() || begin.elapsed() > ANNOUNCED {
+            return false;
+        }
+        // Who has announced it may be waiting for this very core.
+        rustix::thread::sched_yield();
+    }
+}
+
+/// As [`wait`]; after an event without a message it looks for the message before it sleeps again.
+pub(super) fn wait_announced(wake: Wake, ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) -> Pause {
+    let pause = wait(wake, ports, timeout, stop);
+    let was_woken = u128::from(pause.woke_ns.saturating_sub(pause.asleep_ns)) < timeout.as_nanos();
+    if wake == Wake::Event && was_woken {
+        look(ports, stop);
+        return Pause { woke_ns: clock::monotonic_ns(), ..pause };
+    }
+    pause
+}
+
 /// Waits until a port has a message, the time is over or the process should end.
 pub(super) fn wait(wake: Wake, ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) -> Pause {
     let asleep_ns = clock::monotonic_ns();
@@ -66,5 +96,66 @@ fn spin(ports: &[&dyn Wakeable], timeout: Duration, stop: &StopSignal) {
             }
             std::hint::spin_loop();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::thread;
+
+    use super::*;
+    use crate::port::Bell;
+
+    /// A port whose message comes after its event, as one that is announced.
+    struct Announced {
+        event: Arc<Bell>,
+        message: Arc<Bell>,
+    }
+
+    impl Wakeable for Announced {
+        fn is_ready(&self) -> bool {
+            self.message.is_ready()
+        }
+
+        fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+            self.event.descriptor()
+        }
+
+        fn drain_events(&self) {
+            self.event.drain_events();
+        }
+    }
+
+    #[test]
+    fn after_an_announcement_the_message_is_looked_for_and_without_one_the_reader_goes_on_after_a_moment() {
+        let (event, message) = (Arc::new(Bell::new().unwrap()), Arc::new(Bell::new().unwrap()));
+        let port = Announced { event: Arc::clone(&event), message: Arc::clone(&message) };
+        let (hour, stop) = (Duration::from_secs(3600), StopSignal::default());
+        // Nothing follows this one.
+        event.ring();
+        let begin = Instant::now();
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                thread::sleep(Duration::from_millis(5));
+                event.ring();
+            });
+            let pause = wait_announced(Wake::Event, &[&port], hour, &stop);
+            assert!(!port.is_ready() && pause.woke_ns > pause.asleep_ns);
+        });
+        assert!(begin.elapsed() >= Duration::from_millis(5) && begin.elapsed() < hour);
+        // This one is followed by its message.
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                thread::sleep(Duration::from_millis(5));
+                message.ring();
+                event.ring();
+            });
+            wait_announced(Wake::Event, &[&port], hour, &stop);
+            assert!(port.is_ready() && look(&[&port], &stop));
+        });
+        message.silence();
+        stop.set();
+        assert!(!look(&[&port], &stop), "who is to stop does not look on");
     }
 }

@@ -1,20 +1,19 @@
 //! Takes scans in, and prepares them, which needs neither their prior nor the poses of those before.
 //!
 //! Whoever has the [`Desk`] does: the service's own thread while it waits for a scan, so that no other thread has to be woken
-//! between the scan and its pose; a second thread while the service is at work on the last scan or on older ones. The second
-//! thread holds one scan, made ready, until that is taken; with the one that is worked on these are the two that a reader of
-//! `scan` may hold. Preparing is a pure function of the scan, so it does not matter who does it when.
+//! between the scan and its pose; a second thread while the service is at work on the last scan or on older ones. That one sleeps
+//! until a scan comes: to lend it the desk wakes nobody, and neither does to take it back. It holds one scan, made ready, until
+//! that is taken; with the one that is worked on these are the two that a reader of `scan` may hold. Preparing is a pure function
+//! of the scan, so it does not matter who does it when.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use mirador_core::registration::{PrepareError, PreparedScan, Registration};
 use mirador_ipc_schema::messages::WorkSpan;
-use mirador_ipc_schema::service::HEARTBEAT;
-use mirador_ipc_schema::{Bell, Pause, Received, Subscriber, Waiter, Wakeable, clock, topics};
+use mirador_ipc_schema::{Pause, Received, Subscriber, Wakeable, Watch, clock, topics};
 use mirador_service_common::{ServiceError, view};
 
 /// A scan ready to be aligned.
@@ -32,12 +31,37 @@ pub(crate) struct Ready {
 
 /// What the two threads share.
 struct Shared {
-    /// The desk is wanted back.
-    recall: Bell,
+    /// Wakes the second thread.
+    watch: Watch,
+    counter: Mutex<Counter>,
+    /// The second thread has put the desk back.
+    is_back: Condvar,
     /// A scan has come that was not taken yet, be it ready or not.
     has_arrived: AtomicBool,
     /// Scans below this are done and only acknowledged.
     done: AtomicU32,
+}
+
+/// Where the desk changes hands.
+#[derive(Default)]
+struct Counter {
+    /// Here while it is lent and the second thread sleeps.
+    desk: Option<Desk>,
+    /// What the second thread has taken in.
+    taken: Option<Result<Ready, ServiceError>>,
+    /// The intake is being dropped, or the second thread has ended by a fault of the program.
+    is_closed: bool,
+}
+
+impl Shared {
+    fn counter(&self) -> MutexGuard<'_, Counter> {
+        self.counter.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn close(&self) {
+        self.counter().is_closed = true;
+        self.is_back.notify_all();
+    }
 }
 
 /// The receiving end of `scan` with the method that prepares.
@@ -68,32 +92,48 @@ impl Desk {
         let span = WorkSpan { thread: by as u32, ..WorkSpan::until_now("prepare", number, sent_ns, slept, began_ns) };
         Ok(Some(Ready { scan, prepared, began_ns, prepare_time, span }))
     }
+}
 
-    /// As [`Desk::take_in`], by the second thread: waits for a scan until the desk is wanted back.
-    fn wait_and_take_in(&self, waiter: &Waiter) -> Result<Option<Ready>, ServiceError> {
-        let mut pause = Pause::default();
-        while !self.shared.recall.is_ready() && !waiter.stop().is_set() {
-            if let Some(ready) = self.take_in(By::SecondThread, &mut pause)? {
-                return Ok(Some(ready));
-            }
-            pause = waiter.wait(&[&self.scans, &self.shared.recall], HEARTBEAT);
+/// The second thread: takes the desk whenever it is lent and a scan has come.
+fn stand_in(shared: &Shared) {
+    /// However the thread ends, nobody waits for it any more.
+    struct Closes<'a>(&'a Shared);
+    impl Drop for Closes<'_> {
+        fn drop(&mut self) {
+            self.0.close();
         }
-        Ok(None)
+    }
+    let _closes = Closes(shared);
+    loop {
+        let mut pause = shared.watch.wait();
+        let desk = {
+            let mut counter = shared.counter();
+            if counter.is_closed {
+                return;
+            }
+            let is_free = counter.taken.is_none();
+            counter.desk.take_if(|_| is_free)
+        };
+        let Some(desk) = desk else { continue };
+        desk.scans.drain_events();
+        let taken = desk.take_in(By::SecondThread, &mut pause).transpose();
+        if taken.is_some() {
+            // Whatever comes next is left where it is until this one is taken. A port that cannot be disarmed only wakes for nothing.
+            let _ = shared.watch.disarm(&desk.scans);
+        }
+        let mut counter = shared.counter();
+        (counter.desk, counter.taken) = (Some(desk), taken);
+        shared.is_back.notify_all();
     }
 }
 
-/// What the second thread gives back.
-type Returned = (Desk, Result<Option<Ready>, ServiceError>);
-
 /// The receiving end of `scan`, with a second thread for when the service is at work.
 pub(crate) struct Intake {
-    /// Here unless the second thread has it.
+    /// Here unless it is lent.
     desk: Option<Desk>,
     /// What the second thread has taken in.
     ready: Option<Ready>,
     shared: Arc<Shared>,
-    lend: Option<Sender<Desk>>,
-    back: Receiver<Returned>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -104,28 +144,22 @@ impl Intake {
     /// When the system refuses the thread or a descriptor.
     pub fn start(
         scans: Subscriber<topics::Scan>,
-        waiter: Waiter,
         registration: Option<Box<dyn Registration>>,
         done: u32,
     ) -> Result<Self, ServiceError> {
         let fail = |e: std::io::Error| ServiceError::Work(format!("scans cannot be taken in: {e}"));
         let shared = Arc::new(Shared {
-            recall: Bell::new().map_err(fail)?,
+            watch: Watch::new(&scans).map_err(fail)?,
+            counter: Mutex::default(),
+            is_back: Condvar::new(),
             has_arrived: AtomicBool::new(false),
             done: AtomicU32::new(done),
         });
-        let ((lend, lent), (give_back, back)) = (channel::<Desk>(), channel());
-        let work = move || {
-            while let Ok(desk) = lent.recv() {
-                let taken = desk.wait_and_take_in(&waiter);
-                if give_back.send((desk, taken)).is_err() {
-                    break;
-                }
-            }
-        };
+        let of_thread = Arc::clone(&shared);
+        let work = move || stand_in(&of_thread);
         let thread = std::thread::Builder::new().name("intake".into()).spawn(work).map_err(fail)?;
         let desk = Desk { scans, registration, shared: Arc::clone(&shared) };
-        Ok(Self { desk: Some(desk), ready: None, shared, lend: Some(lend), back, thread: Some(thread) })
+        Ok(Self { desk: Some(desk), ready: None, shared, thread: Some(thread) })
     }
 
     /// The next scan made ready, if one has come; by the caller, unless the second thread has done so. `pause` is how long the
@@ -148,14 +182,25 @@ impl Intake {
         if self.ready.is_some() {
             return;
         }
-        if let (Some(desk), Some(lend)) = (self.desk.take(), &self.lend)
-            && let Err(unsent) = lend.send(desk)
-        {
-            self.desk = Some(unsent.0);
+        let Some(desk) = self.desk.take() else { return };
+        let mut counter = self.shared.counter();
+        // The event of what is taken already.
+        desk.scans.drain_events();
+        // Without an event the second thread would not come: then the caller goes on by itself.
+        if self.shared.watch.arm(&desk.scans).is_err() {
+            self.desk = Some(desk);
+            return;
+        }
+        // One that came with the last has lost its event with it.
+        let is_there = desk.scans.is_ready();
+        counter.desk = Some(desk);
+        drop(counter);
+        if is_there {
+            self.shared.watch.wake();
         }
     }
 
-    /// Takes it upon the caller's thread again.
+    /// Takes it upon the caller's thread again; waits while the second thread makes a scan ready.
     ///
     /// # Errors
     /// As [`Intake::take`].
@@ -163,12 +208,16 @@ impl Intake {
         if self.desk.is_some() {
             return Ok(());
         }
-        self.shared.recall.ring();
-        let ended = |_| ServiceError::Work("the thread that takes scans in has ended".into());
-        let (desk, taken) = self.back.recv().map_err(ended)?;
-        self.shared.recall.silence();
+        let mut counter = self.shared.counter();
+        while counter.desk.is_none() && !counter.is_closed {
+            counter = self.shared.is_back.wait(counter).unwrap_or_else(PoisonError::into_inner);
+        }
+        let ended = || ServiceError::Work("the thread that takes scans in has ended".into());
+        let desk = counter.desk.take().ok_or_else(ended)?;
+        // One that cannot be disarmed wakes the second thread for nothing.
+        let _ = self.shared.watch.disarm(&desk.scans);
         self.desk = Some(desk);
-        self.ready = taken?;
+        self.ready = counter.taken.take().transpose()?;
         Ok(())
     }
 
@@ -190,8 +239,8 @@ impl Intake {
 
 impl Drop for Intake {
     fn drop(&mut self) {
-        self.lend = None;
-        self.shared.recall.ring();
+        self.shared.close();
+        self.shared.watch.wake();
         if let Some(thread) = self.thread.take() {
             // A panic of it has been told of by the standard hook.
             let _ = thread.join();
@@ -225,8 +274,7 @@ mod tests {
             };
             let participants = [join("sender"), join("alignment")];
             let method = Registry::default().create("point_to_point", &RegistrationConfig::default()).unwrap();
-            let (port, waiter) = (participants[1].subscriber().unwrap(), participants[1].waiter());
-            let intake = Intake::start(port, waiter, Some(method), 1).unwrap();
+            let intake = Intake::start(participants[1].subscriber().unwrap(), Some(method), 1).unwrap();
             Self { scans: participants[0].publisher().unwrap(), domain, intake, _participants: participants }
         }
 

@@ -165,7 +165,7 @@ impl<'a> Alignment<'a> {
             AlignmentMode::Scan => Some(make_method(setup, config, registry)?),
             AlignmentMode::Continuous => None,
         };
-        let intake = Intake::start(scans, participant.waiter(), preparing, saved.aligned_scans)?;
+        let intake = Intake::start(scans, preparing, saved.aligned_scans)?;
         Ok(Self {
             setup,
             config,
@@ -192,7 +192,7 @@ impl<'a> Alignment<'a> {
     fn wait(&self, participant: &Participant) -> Pause {
         let Some(scans) = self.intake.awaited().filter(|_| !self.is_correction_ready()) else { return self.pause };
         let timeout = if self.waiting.is_empty() { HEARTBEAT } else { self.patience_left().min(HEARTBEAT) };
-        participant.wait(&[scans, &self.plans], timeout)
+        participant.wait_announced(&[scans, &self.plans], timeout)
     }
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {
@@ -237,6 +237,8 @@ impl<'a> Alignment<'a> {
             external.tally.set_newest(*scan.header());
         }
         let mut aligned = self.aligner.align(&scan, prepared, prior);
+        let align_time = begin.elapsed();
+        self.outbox.poses.announce();
         if let Some(external) = &self.external {
             aligned.record.method = external.tally.last_method().to_owned();
             external.tell(Header::about(scan.header(), began_ns))?;
@@ -245,7 +247,7 @@ impl<'a> Alignment<'a> {
             header: Header::about(scan.header(), began_ns),
             keyframe: self.aligner.keyframe(),
             prepare_ns: nanoseconds(prepare_time),
-            align_ns: nanoseconds(begin.elapsed()),
+            align_ns: nanoseconds(align_time),
         };
         let meta = messages::meta(&aligned, &facts);
         let hypotheses = messages::hypotheses(&aligned.record.hypotheses, self.outbox.poses.capacity());

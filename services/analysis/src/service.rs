@@ -26,7 +26,7 @@ pub fn run(setup: &ServiceSetup, config: &AnalysisConfig) -> Result<(), ServiceE
     let mut analysis = Analysis::open(setup, config, &participant)?;
     analysis.health.running(&participant);
     while !setup.stop.is_set() {
-        analysis.pause = participant.wait(&analysis.awaited(), HEARTBEAT);
+        analysis.pause = analysis.wait(&participant);
         analysis.receive(&participant)?;
         analysis.scores.serve_late_joiners();
         analysis.zones.serve_late_joiners();
@@ -93,6 +93,15 @@ impl Analysis {
     fn awaited(&self) -> Vec<&dyn Wakeable> {
         let scans = self.scans.awaited(usize::from(self.current.is_some()));
         scans.into_iter().chain([&self.alignments as &dyn Wakeable]).collect()
+    }
+
+    /// Waits; a pose whose scan is at hand is looked for as soon as it is announced. A scan is not: alignment looks for that.
+    fn wait(&self, participant: &Participant) -> Pause {
+        let ports = self.awaited();
+        if self.current.is_some() {
+            return participant.wait_announced(&ports, HEARTBEAT);
+        }
+        participant.wait(&ports, HEARTBEAT)
     }
 
     /// Takes what is there. One scan is worked on at a time: the next waits until this is done.
@@ -178,13 +187,14 @@ impl Analysis {
             .scorer
             .score(scan, surface, level_from_scanner, ground, &self.config.scores, view::scores_mut(loan.items_mut()))
             .map_err(|e| work(e.to_string()))?;
+        let analysis_time = begin.elapsed();
         let header = Header::about(current.scan.header(), current.began_ns);
         *loan.meta_mut() = ScoredScanMeta {
             header,
             scan_sent_ns: current.scan.header().sent_ns,
             alignment_sent_ns: alignment.header.sent_ns,
             surface_ns: nanoseconds(current.surface_time),
-            analysis_ns: nanoseconds(begin.elapsed()),
+            analysis_ns: nanoseconds(analysis_time),
             triangles_kept: current.triangles_kept,
             triangles_discarded: current.triangles_discarded,
             alignment_status: alignment.status,
@@ -192,7 +202,7 @@ impl Analysis {
             zones: self.found_zones.len() as u32,
             ..summary_part(&summary)
         };
-        // The scores last: with them everything is there that planning waits for.
+        // The scores last: with them everything is there that planning waits for. It wakes up with the zones.
         self.send_zones(header, &map_from_scanner)?;
         loan.send()?;
         self.health.worked(WorkSpan::until_now("scores", number, alignment.header.sent_ns, self.pause, began_ns));

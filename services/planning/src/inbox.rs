@@ -39,10 +39,22 @@ impl Inbox {
         })
     }
 
-    /// What is waited for: the scores, which are sent when everything else about a scan is. To wake for each of the others
-    /// would take a core from those who still work on the scan.
-    pub fn awaited(&self) -> Option<&dyn Wakeable> {
-        self.scores.awaited(0)
+    /// What is waited for: the scores, which are sent when everything else about a scan is, and the zones, which come right before
+    /// them. To wake for each of the others would take a core from those who still work on the scan.
+    pub fn awaited(&self) -> impl Iterator<Item = &dyn Wakeable> {
+        self.scores.awaited(0).into_iter().chain(self.zones.awaited(0))
+    }
+
+    /// Takes in what came with the zones, and looks for the scores that follow them.
+    ///
+    /// # Errors
+    /// See [`ServiceError`].
+    pub fn look_for_scores(&mut self, participant: &Participant) -> Result<(), ServiceError> {
+        let came_with = self.zones.awaited(0).is_some_and(Wakeable::is_ready);
+        if came_with && !self.is_next_there()? {
+            participant.look(&self.scores.awaited(0).into_iter().collect::<Vec<_>>());
+        }
+        Ok(())
     }
 
     /// Whether the next scan with everything that belongs to it is there.
@@ -80,6 +92,10 @@ impl Inbox {
         loop {
             self.scores.fill(0)?;
             let id = self.scores.front();
+            // Mostly the other parts are held already.
+            if id.is_some() && self.parts().iter().all(|part| *part == id) {
+                return Ok(self.put_together());
+            }
             self.scans.discard_before(id.unwrap_or(0));
             self.alignments.discard_before(id.unwrap_or(0));
             self.zones.discard_before(id.unwrap_or(0));
@@ -87,7 +103,7 @@ impl Inbox {
             self.alignments.fill(0)?;
             self.zones.fill(0)?;
             let Some(id) = id else { return Ok(None) };
-            let parts = [self.scans.front(), self.alignments.front(), self.zones.front()];
+            let parts = self.parts();
             if parts.iter().any(|part| part.is_some_and(|of| of > id)) {
                 tracing::warn!(scan = ScanId::unpack(id).scan, "a part of it was lost; it is not planned on");
                 self.scores.pop();
@@ -98,6 +114,11 @@ impl Inbox {
             }
             // Else parts of older scans came in just now; they are let go, and what follows them is looked at.
         }
+    }
+
+    /// Ids of the oldest messages beside the scores.
+    fn parts(&self) -> [Option<u64>; 3] {
+        [self.scans.front(), self.alignments.front(), self.zones.front()]
     }
 
     /// The step of the oldest messages.

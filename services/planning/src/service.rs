@@ -35,8 +35,8 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
     planning.begin(&participant)?;
     while !setup.stop.is_set() {
         planning.pause = planning.wait(&participant);
-        planning.corrections.receive()?;
-        planning.move_scans(&participant)?;
+        planning.inbox.look_for_scores(&participant)?;
+        // A scan first: it is waited for.
         while let Some(step) = planning.inbox.next()? {
             // What belongs to scans before it is there by now, and holds for its plan.
             planning.corrections.receive()?;
@@ -46,6 +46,8 @@ pub fn run(setup: &ServiceSetup, config: &PlanningServiceConfig) -> Result<(), S
             }
             planning.take_in(&participant, &step)?;
         }
+        planning.corrections.receive()?;
+        planning.move_scans(&participant)?;
         planning.answer_requests()?;
         planning.outbox.serve_late_joiners();
         planning.health.heartbeat(&participant);
@@ -122,7 +124,7 @@ impl<'a> Planning<'a> {
 
     fn wait(&mut self, participant: &Participant) -> Pause {
         let [corrections, loops] = self.corrections.awaited() as [&dyn Wakeable; 2];
-        let ports: Vec<_> = self.inbox.awaited().into_iter().chain([corrections, loops, &self.requests]).collect();
+        let ports: Vec<_> = self.inbox.awaited().chain([corrections, loops, &self.requests]).collect();
         let timeout = if self.kept.poses.due() > 0 { Duration::ZERO } else { HEARTBEAT };
         participant.wait(&ports, timeout)
     }

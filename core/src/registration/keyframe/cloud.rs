@@ -87,6 +87,15 @@ impl PreparedCloud {
         self.planes().get(index).filter(|plane| plane.normal != [0.0; 3]).map(|plane| (plane.normal, plane.offset))
     }
 
+    /// Whether a scanner elsewhere, in this scan's frame [m], sees the other side of the surface that a point lies on: it stands
+    /// behind the point's plane. `false` where there is no plane, and where the scan was not seen from one place.
+    #[must_use]
+    pub fn is_seen_from_behind(&self, index: usize, scanner: [f32; 3]) -> bool {
+        let (point, plane) = (&self.points[index], &self.planes()[index]);
+        let arm = std::array::from_fn(|axis| point[axis] - scanner[axis]);
+        self.has_one_viewpoint && plane.is_seen_from_behind(point, &scanner, &arm)
+    }
+
     /// The tangent planes, under the indices of the points.
     pub(in crate::registration) fn planes(&self) -> &[Plane] {
         &self.shape().planes

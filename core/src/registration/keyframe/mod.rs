@@ -10,6 +10,5 @@ mod windows;
 
 pub(super) use cells::Cell;
 pub use cloud::PreparedCloud;
-pub(super) use planes::Plane;
 pub(super) use search::LastBrick;
 pub(crate) use voxels::floor;

@@ -16,6 +16,9 @@ const LEAST_WIDTH: f32 = 0.02;
 const LEAST_RETURNS: f32 = 6.0;
 /// How many voxels around a voxel count, tried in this order until its returns span a plane.
 const REACHES: [i32; 2] = [1, 2];
+/// A scanner is behind a plane when it lies so far on its other side, as a share of its distance from the point there: at a
+/// smaller angle the plane's direction is not known well enough.
+const BEHIND: f32 = 0.1;
 
 /// The plane through the returns around a voxel's centroid: `normal . x = offset`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -26,6 +29,25 @@ pub(in crate::registration) struct Plane {
     pub offset: f32,
     /// The mean squared distance of the returns from it [m^2].
     pub variance: f32,
+}
+
+impl Plane {
+    /// Whether a second scanner stands behind the plane that the first, at the origin, has seen at `point`: then what it sees there
+    /// is the other side of something thin, as a wall or a car, and no pair. Along streets these are many, and pull scans together
+    /// by the thickness of the walls. `arm` leads from the second scanner to what it sees there.
+    #[inline(always)]
+    pub(in crate::registration) fn is_seen_from_behind(
+        &self,
+        point: &[f32; 3],
+        scanner: &[f32; 3],
+        arm: &[f32; 3],
+    ) -> bool {
+        let square = |v: &[f32; 3]| v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
+        let [x, y, z] = *scanner;
+        let second = self.normal[0] * x + self.normal[1] * y + self.normal[2] * z - self.offset;
+        let is_clear = |distance: f32, to_point: f32| distance * distance > BEHIND * BEHIND * to_point;
+        second < 0.0 && is_clear(second, square(arm)) && is_clear(self.offset, square(point))
+    }
 }
 
 /// The planes of all voxels, under their indices.
