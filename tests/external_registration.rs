@@ -129,7 +129,9 @@ fn a_process_that_hangs_is_late_and_then_killed_and_started_again() {
     assert!(finished.stderr.contains("says nothing for too long"), "{}", finished.stderr);
     let summary = summary(&stage.path("mirador-out"));
     assert_eq!(summary["registration"]["answered"], 0);
-    assert_eq!(summary["scans"], summary["aligned"]);
+    // The last scan may have been in hand when the run was ended.
+    let [scans, aligned] = ["scans", "aligned"].map(|key| summary[key].as_u64().unwrap());
+    assert!(aligned > 1 && scans - aligned <= 1, "{aligned} of {scans}");
     assert!(log(&stage, "alignment").contains("no answer within 100 ms"));
 }
 

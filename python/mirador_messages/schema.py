@@ -407,7 +407,7 @@ class RegistrationRequestMeta(Record):
     _fields_ = [
         # Names the source scan.
         ("header", Header),
-        # Id of the target scan; u64::MAX where the target is several scans together.
+        # Id of the target scan; u64::MAX where nobody has said which it is.
         ("target_id", ctypes.c_uint64),
         # target_from_source to start from, row-major 4x4.
         ("initial_target_from_source", ctypes.c_double * 16),

@@ -154,6 +154,7 @@ impl Driver {
         let step = self.last_ns.map_or(0.0, |last| seconds(last, now.stamp_ns)).clamp(0.0, LONGEST_STEP_S);
         if self.last_ns.is_none() {
             self.trail.carry_on(&now.map_from_robot);
+            self.begin_backwards(now);
         }
         self.trail.stand(&now.map_from_robot);
         self.last_ns = Some(now.stamp_ns);
@@ -204,7 +205,8 @@ impl Driver {
         }
         let off_m = self.pursuit.off;
         // It backs up the way it came, which may lie beside the path or before its beginning.
-        let backed_m = if self.retreat.attempts > 0 { config.recovery.back_up_m } else { 0.0 };
+        let has_backed = self.retreat.attempts > 0 || self.retreat.began_path;
+        let backed_m = if has_backed { config.recovery.back_up_m } else { 0.0 };
         (off_m > config.follow.off_path_m + backed_m && !is_backing).then_some(GiveUp::OffPath { off_m })
     }
 

@@ -63,6 +63,14 @@ impl Path {
         self.along.last().copied().unwrap_or(0.0)
     }
 
+    /// The end of the first piece and its distance, if it leads straight back from how the robot stands and others follow [m].
+    pub(super) fn leads_back(&self, map_from_robot: &Pose) -> Option<(Vector2<f64>, f64)> {
+        let &[_, second, _, ..] = self.points.as_slice() else { return None };
+        let height = map_from_robot.translation.z;
+        let own = map_from_robot.inverse_transform_point(&Point3::new(second[0], second[1], height));
+        (own.x < -0.25 && own.y.abs() < -own.x).then(|| (Vector2::new(second[0], second[1]), own.x.hypot(own.y)))
+    }
+
     /// Moves it as a whole; what is left of it is as long as before but for the tilt of the motion, which is next to none.
     pub fn move_by(&mut self, new_from_old: &Pose) {
         for point in &mut self.points {

@@ -95,6 +95,11 @@ impl Trail {
         self.stands = self.stands.map(|pose| new_from_old * pose);
     }
 
+    /// Whether it has been at a place, within half a metre.
+    pub fn passes(&self, place: &Vector2<f64>) -> bool {
+        self.places.iter().any(|been| (been - place).norm() < 0.5)
+    }
+
     /// Whether it leads away behind the robot.
     pub fn leads_back(&self, map_from_robot: &Pose) -> bool {
         self.places.iter().rev().map(|place| own(place, map_from_robot)).any(|own| is_behind(&own))

@@ -45,6 +45,11 @@ impl Pursuit {
         Self { along: 0.0, off: 0.0, floor: 0.0, is_turning: false }
     }
 
+    /// The robot is so far along the path, and nothing before that counts.
+    pub fn begin_at(&mut self, along: f64) {
+        (self.along, self.floor) = (along + 1e-6, along + 1e-6);
+    }
+
     /// The robot has gone back.
     pub fn go_back(&mut self, metres: f64) {
         self.along = (self.along - metres).max(0.0);

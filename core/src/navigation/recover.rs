@@ -1,4 +1,4 @@
-//! What a robot does that gets no further: it backs up the way it came. From an edge it goes so far that it can turn where it
+//! What a robot does that gets no further, or cannot turn where it stands: it backs up the way it came. From an edge it goes so far that it can turn where it
 //! then stands, for the next path may begin with a turn, and a robot that turns swings its corners and slides.
 
 use nalgebra::Point3;
@@ -13,6 +13,8 @@ use crate::information_map::Obstruction;
 /// From an edge it goes back until it leans by less than this, so far at least and at most [deg, m].
 const LEVEL_DEG: f64 = 10.0;
 const EDGE_BACK_M: [f64; 2] = [1.0, 2.5];
+/// So near to where its path goes on it goes on [m].
+const NEARLY_BACK_M: f64 = 0.4;
 /// Turning back from an edge [rad/s].
 const TURN_BACK_SPEED: f64 = 0.4;
 
@@ -27,11 +29,25 @@ pub(super) struct Retreat {
     pub leaves_edge: bool,
     /// It gets away forwards: its tail hangs over an edge.
     goes_ahead: bool,
+    /// Nothing holds it: its path begins behind it. And whether it did.
+    begins_path: bool,
+    pub began_path: bool,
     /// Where something held it when it last backed up.
     pub held: Option<Obstruction>,
 }
 
 impl Driver {
+    /// Begins a path that leads back before anything else: the robot cannot turn where it stands, and backs up the way it came.
+    pub(super) fn begin_backwards(&mut self, now: &RobotNow) {
+        let Some((place, metres)) = self.path.leads_back(&now.map_from_robot) else { return };
+        if metres > EDGE_BACK_M[1] + NEARLY_BACK_M || !self.trail.passes(&place) {
+            return;
+        }
+        (self.retreat.whole_m, self.retreat.left_m, self.retreat.begins_path) = (metres, metres, true);
+        self.retreat.began_path = true;
+        self.enter(now, DriveState::Recovering);
+    }
+
     /// Gets back from what holds the robot, or gives the target up.
     pub(super) fn recover(&mut self, now: &RobotNow, reason: GiveUp, config: &NavigationConfig) -> [f64; 2] {
         // At an edge it must not stay, however often it has backed up.
@@ -84,6 +100,14 @@ impl Driver {
     }
 
     fn end_of_the_way_back(&mut self, now: &RobotNow, config: &NavigationConfig) {
+        if std::mem::take(&mut self.retreat.begins_path) {
+            // One that is stopped earlier turns where it is, after all.
+            if self.retreat.left_m < NEARLY_BACK_M {
+                self.pursuit.begin_at(self.path.along_of(1));
+            }
+            self.enter(now, DriveState::Driving);
+            return;
+        }
         // What it has come back over is before it again.
         self.pursuit.go_back(config.recovery.back_up_m);
         self.falling = 0.0;

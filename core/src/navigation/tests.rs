@@ -188,6 +188,33 @@ fn a_robot_that_gives_up_at_an_edge_first_goes_back_to_where_it_can_turn() {
 }
 
 #[test]
+fn a_path_that_begins_with_a_piece_back_is_begun_backwards_and_not_with_a_turn() {
+    let mut ride = flat("");
+    ride.go(0.0, 0.0, 1.0);
+    let config = NavigationConfig::default();
+    let mut driver = Driver::new(Path::new(&[[0.0; 3], [4.0, 0.0, 0.0]]).unwrap());
+    let [x, y] = drive_on(&mut ride, &mut driver, false, &config, f64::INFINITY).at;
+    let begin = |waypoints: &[[f64; 3]], before: Option<&Driver>, pose: Pose| {
+        let mut next = Driver::after(before, Path::new(waypoints).unwrap());
+        let now = RobotNow { stamp_ns: 0, map_from_robot: pose, linear: 0.0, is_lost: false };
+        let first = next.step(&now, &Surroundings::default(), None, &config);
+        let second = next.step(&RobotNow { stamp_ns: 50_000_000, ..now }, &Surroundings::default(), None, &config);
+        (first.state, second.linear, second.angular)
+    };
+    let back = [[x, y, 0.0], [x - 1.5, y, 0.0], [x - 1.5, y + 3.0, 0.0]];
+    let here = ride.truth().pose;
+    let (state, linear, angular) = begin(&back, Some(&driver), here);
+    assert!(state == DriveState::Recovering && linear < 0.0 && angular.abs() < 0.1, "{state:?} {linear} {angular}");
+    // Where it has not come from there, it turns, and so it does where nothing follows the way back.
+    assert!(begin(&back, None, here).2.abs() > 0.1);
+    assert!(begin(&back[..2], Some(&driver), here).2.abs() > 0.1);
+
+    let mut next = Driver::after(Some(&driver), Path::new(&back).unwrap());
+    let outcome = drive_on(&mut ride, &mut next, false, &config, f64::INFINITY);
+    assert!(outcome.state == DriveState::Arrived && outcome.off < 0.2, "{outcome:?}");
+}
+
+#[test]
 fn a_robot_that_does_not_get_on_backs_up_once_and_gives_the_target_up() {
     let mut ride = flat("");
     ride.go(0.0, 0.0, 1.0);

@@ -34,15 +34,3 @@ pub fn read_pose(path: &std::path::Path) -> Pose {
     let rows: Vec<f64> = text.split_whitespace().map(|t| t.parse().unwrap()).collect();
     crate::geometry::pose_from_rows(&rows.try_into().unwrap()).unwrap()
 }
-
-/// A hall, one face of the wall across its middle, and a high wall that is seen over that from both sides.
-pub fn half_of_a_hall(face_x_m: f64, scanner: &Pose, seed: u64) -> Vec<Point> {
-    let scene: [Rectangle; 5] = [
-        ([-10.0, -8.0, -1.0], [20.0, 0.0, 0.0], [0.0, 16.0, 0.0]),
-        ([-10.0, -8.0, -1.0], [20.0, 0.0, 0.0], [0.0, 0.0, 3.0]),
-        ([-10.0, 8.0, -1.0], [20.0, 0.0, 0.0], [0.0, 0.0, 3.0]),
-        ([face_x_m, -8.0, -1.0], [0.0, 16.0, 0.0], [0.0, 0.0, 2.0]),
-        ([9.0, -3.0, 2.5], [0.0, 6.0, 0.0], [0.0, 0.0, 1.5]),
-    ];
-    scan_of(&scene, scanner, 40.0, seed)
-}

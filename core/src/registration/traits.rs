@@ -46,7 +46,7 @@ pub trait Registration: Send {
 /// The ids of two scans that are to be aligned; `None` for what is no single scan, or not known by an id.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct PairIds {
-    /// Of the target; `None` for a submap.
+    /// Of the target.
     pub target: Option<u64>,
     /// Of the source.
     pub source: Option<u64>,

@@ -34,15 +34,13 @@ pub struct ScanView<'a> {
     pub points: &'a [Point],
     /// The order, if there is one: then `points.len() == grid.cells()`.
     pub grid: Option<Grid>,
-    /// Whether the points were seen from several places, so that which side of a surface was seen is not known.
-    pub is_of_several: bool,
 }
 
 impl<'a> ScanView<'a> {
     /// A scan with an order or without.
     #[must_use]
     pub fn with_grid(points: &'a [Point], grid: Option<Grid>) -> Self {
-        Self { points, grid, is_of_several: false }
+        Self { points, grid }
     }
 
     /// A scan with an order, or `None` when the number of points is not `rows * cols`.
@@ -55,12 +53,6 @@ impl<'a> ScanView<'a> {
     #[must_use]
     pub fn unordered(points: &'a [Point]) -> Self {
         Self::with_grid(points, None)
-    }
-
-    /// Several scans as one, in the frame of one of them, without an order.
-    #[must_use]
-    pub fn of_several(points: &'a [Point]) -> Self {
-        Self { is_of_several: true, ..Self::unordered(points) }
     }
 
     /// The number of points with a return.

@@ -175,16 +175,6 @@ pub enum Rejection {
         /// Steps taken.
         iterations: u32,
     },
-    /// A refinement that overlaps no more than what it began from, or leads away from the prior.
-    #[error(
-        "overlap {overlap:.3} after {before:.3}, or farther from the prior than is likely: it stays where it was found"
-    )]
-    NoGain {
-        /// The share of points with a partner after it.
-        overlap: f64,
-        /// The same before it.
-        before: f64,
-    },
     /// The scan cannot be prepared: too little is left of it.
     #[error("the scan has {points} points after thinning; {required} are needed")]
     TooFewPoints {

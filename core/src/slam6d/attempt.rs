@@ -33,8 +33,7 @@ impl SequentialAligner {
     ) -> bool {
         let &Attempt { target, scan, start, pair_distance_m, .. } = attempt;
         let limits = Limits { pair_distance_m, ..self.config.limits };
-        let target_id = (attempt.name != HypothesisName::Submap).then_some(target.scan_id);
-        self.registration.name_pair(PairIds { target: target_id, source: Some(record.scan_id) });
+        self.registration.name_pair(PairIds { target: Some(target.scan_id), source: Some(record.scan_id) });
         let result = self.registration.align(scan, source, &start, &limits);
         let (mut hypothesis, alignment) = self.judge(attempt, &limits, result);
         if let Some(Rejection::NotConverged { .. }) = hypothesis.rejected {
@@ -73,8 +72,7 @@ impl SequentialAligner {
         if !is_farther && (has_slid || slide.is_unsure) {
             let (slid_m, iterations, overlap) = (slide.slid_m, alignment.iterations, alignment.overlap);
             let doubt = if has_slid { Rejection::Slid { slid_m } } else { Rejection::Unsure { iterations } };
-            // A refinement begins where another attempt has ended and so confirms nothing.
-            if has_slid && attempt.name != HypothesisName::Submap {
+            if has_slid {
                 self.note_slid(ended, overlap);
             }
             self.keep_held(attempt, overlap, second.is_ok().then_some(alignment));
@@ -89,14 +87,20 @@ impl SequentialAligner {
     /// Remembers where an attempt that overlaps more than others was refused only for being far from where the prior has it.
     fn note_farthest(&mut self, target: &TargetState, hypothesis: &Hypothesis) {
         let overlap = hypothesis.overlap;
+        let place = normalised(target.map_from_scanner * hypothesis.result);
+        let is_farther = hypothesis.name == HypothesisName::Farther;
+        let contradicts = matches!(hypothesis.rejected, Some(Rejection::ContradictsPrior { .. })) && !is_farther;
+        if contradicts && self.slid.witness(target.scan_id, place) {
+            self.farthest = Some(Farthest { place, overlap });
+        }
         let is_better = self.farthest.is_none_or(|best| overlap > best.overlap);
         let is_far = match hypothesis.rejected {
             Some(Rejection::TooFar { .. }) => true,
-            Some(Rejection::ContradictsPrior { .. }) => hypothesis.name != HypothesisName::Farther,
+            Some(Rejection::ContradictsPrior { .. }) => !is_farther,
             _ => false,
         };
         if is_better && is_far && !self.slid.is_confirmed() {
-            self.farthest = Some(Farthest { place: normalised(target.map_from_scanner * hypothesis.result), overlap });
+            self.farthest = Some(Farthest { place, overlap });
         }
     }
 
@@ -140,7 +144,7 @@ impl SequentialAligner {
             _ => {}
         }
         acceptance.weigh(&match attempt.name {
-            HypothesisName::OlderScan | HypothesisName::Submap | HypothesisName::Farther => {
+            HypothesisName::OlderScan | HypothesisName::Farther => {
                 self.verifier.weigh_other(attempt.scan, source, pose)
             }
             _ => self.verifier.weigh(attempt.scan, source, pose),
@@ -154,9 +158,9 @@ impl SequentialAligner {
         limits: &Limits,
         result: Result<Alignment, AlignError>,
     ) -> (Hypothesis, Option<Alignment>) {
-        use HypothesisName::{OlderScan, PriorMotion, PriorMotionWide, Submap};
+        use HypothesisName::{OlderScan, PriorMotion, PriorMotionWide};
         let &Attempt { name, start, .. } = attempt;
-        let has_prior = matches!(name, PriorMotion | PriorMotionWide | OlderScan | Submap);
+        let has_prior = matches!(name, PriorMotion | PriorMotionWide | OlderScan);
         let failed =
             Hypothesis { name, start, result: start, overlap: 0.0, residual_m: 0.0, iterations: 0, rejected: None };
         match result {

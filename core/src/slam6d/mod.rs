@@ -23,7 +23,6 @@ mod sequential;
 mod sequential_config;
 mod slid;
 mod state;
-mod submap;
 #[cfg(test)]
 mod tests;
 mod verifier;

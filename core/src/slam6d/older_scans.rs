@@ -14,9 +14,6 @@ pub(super) trait OlderScans {
     /// How far off the nearest is [m]; infinite when there is none.
     fn nearest_m(&mut self, guess: &Pose) -> f64;
 
-    /// At most `most` scans that were aligned with scan `to` and so fit it, those nearest to a guessed pose first.
-    fn tied_to(&mut self, registration: &dyn Registration, to: u64, guess: &Pose, most: usize) -> Vec<Accepted>;
-
     /// The scan of this id, prepared by the method.
     fn by_id(&mut self, registration: &dyn Registration, scan_id: u64) -> Option<Accepted>;
 
@@ -30,10 +27,6 @@ pub(super) struct NoOlderScans;
 impl OlderScans for NoOlderScans {
     fn nearest_m(&mut self, _: &Pose) -> f64 {
         f64::INFINITY
-    }
-
-    fn tied_to(&mut self, _: &dyn Registration, _: u64, _: &Pose, _: usize) -> Vec<Accepted> {
-        Vec::new()
     }
 
     fn by_id(&mut self, _: &dyn Registration, _: u64) -> Option<Accepted> {

@@ -24,8 +24,6 @@ pub enum HypothesisName {
     Held,
     /// Where an attempt ended that wanted to be farther from its start than allowed.
     Farther,
-    /// Where it was found already, against its target and the accepted scans near it as one.
-    Submap,
     /// The scanner stands where it was.
     ZeroMotion,
     /// Found by the search of the odometry around the last pose; the start given is the predicted one.

@@ -119,10 +119,6 @@ impl SequentialAligner {
         &self.config
     }
 
-    pub(super) fn registration(&self) -> &dyn Registration {
-        &*self.registration
-    }
-
     /// The method, for pairs other than the sequential one.
     pub(super) fn registration_mut(&mut self) -> &mut dyn Registration {
         &mut *self.registration
@@ -180,9 +176,6 @@ impl SequentialAligner {
                 (Some(target), Some(target_scan)) => {
                     let last = (&target, &*target_scan);
                     let accepted = self.try_all(&mut record, last, older, &*prepared);
-                    if accepted {
-                        self.refine(&mut record, (target, target_scan.clone()), older, &*prepared);
-                    }
                     self.verifier.next(accepted);
                     self.target = Some(if accepted { Arc::from(prepared) } else { target_scan });
                 }

@@ -20,11 +20,6 @@ pub struct SequentialConfig {
     /// as those below it where they overlap more. 0 never asks.
     /// Only for priors that come with a covariance.
     pub prior_gate_sigmas: f64,
-    /// A scan that overlaps its target by less than this is aligned once more, to the target and `submap_scans` accepted scans
-    /// near it as one.
-    pub submap_below_overlap: f64,
-    /// See `submap_below_overlap`; 0 never does it.
-    pub submap_scans: usize,
     /// The standard deviation of the position of a scan that was not aligned [m].
     pub guess_sigma_m: f64,
     /// The standard deviation of the angles of a scan that was not aligned [rad].
@@ -38,8 +33,6 @@ impl Default for SequentialConfig {
             acceptance: AcceptanceConfig::default(),
             wide_pair_distance_m: 5.0,
             prior_gate_sigmas: 5.0,
-            submap_below_overlap: 0.6,
-            submap_scans: 3,
             guess_sigma_m: 1.0,
             guess_sigma_rotation: 0.2,
         }
@@ -56,8 +49,6 @@ impl SequentialConfig {
         self.acceptance.validate()?;
         ConfigError::check("wide_pair_distance_m", self.wide_pair_distance_m, 1e-3, 100.0)?;
         ConfigError::check("prior_gate_sigmas", self.prior_gate_sigmas, 0.0, 1e3)?;
-        ConfigError::check("submap_below_overlap", self.submap_below_overlap, 0.0, 1.0)?;
-        ConfigError::check("submap_scans", self.submap_scans as f64, 0.0, 100.0)?;
         ConfigError::check("guess_sigma_m", self.guess_sigma_m, 0.0, 1e4)?;
         ConfigError::check("guess_sigma_rotation", self.guess_sigma_rotation, 0.0, std::f64::consts::PI)
     }

@@ -84,7 +84,7 @@ mod tests {
         aligner.prior = Some(Prior { map_from_scanner: prior, frame: PriorFrame::Map, covariance });
         let target = aligner.state().target.unwrap();
         let scan = aligner.keyframe().unwrap().clone();
-        let source = aligner.registration().prepare(ScanView::unordered(&second)).unwrap();
+        let source = aligner.registration_mut().prepare(ScanView::unordered(&second)).unwrap();
         let limits = aligner.config().limits;
         let alone = aligner.registration_mut().align(&*scan, &*source, &prior, &limits).unwrap();
         let name = HypothesisName::PriorMotion;

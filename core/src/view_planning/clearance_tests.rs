@@ -133,3 +133,21 @@ fn a_way_that_was_driven_from_far_away_ends_where_the_window_does() {
     let plan = plan_with(&mut Random::default(), &map, &at(6.15, 2.0), &config);
     assert!(plan.reachable_cells > 0);
 }
+
+#[test]
+fn a_robot_beside_ground_that_was_never_measured_goes_back_before_it_turns() {
+    // Ground that ends at y = 6 m, and nothing seen behind it.
+    let mut map = map_of(&vec![".".repeat(60); 20], 0.3);
+    let second_waypoint = |map: &InformationMap, robot: [f64; 2], turn_clearance_m: f64| {
+        let config = PlanningConfig { turn_clearance_m, ..PlanningConfig::default() };
+        let plan = plan_with(&mut Random::default(), map, &at(robot[0], robot[1]), &config);
+        assert!(plan.path.len() > 1, "{:?}", plan.decision);
+        [plan.path[1][0], plan.path[1][1]]
+    };
+    let went_back = |[x, y]: [f64; 2]| (x - 9.0).abs() < 0.3 && (2.5..4.5).contains(&y);
+    assert!(!went_back(second_waypoint(&map, [9.0, 5.0], 1.5)), "it has come from nowhere");
+    map.drove(&[[9.0, 1.0], [9.0, 5.0]]);
+    assert!(went_back(second_waypoint(&map, [9.0, 5.0], 1.5)), "{:?}", second_waypoint(&map, [9.0, 5.0], 1.5));
+    assert!(!went_back(second_waypoint(&map, [9.0, 5.0], 0.0)));
+    assert!(!went_back(second_waypoint(&map, [9.0, 3.0], 1.5)), "where it can turn it turns");
+}

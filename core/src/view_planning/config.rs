@@ -162,6 +162,10 @@ pub struct PlanningConfig {
     /// No ground of which nothing was ever seen may lie nearer than this to the robot's centre [m], 0 to 10: it may be hidden
     /// because it falls away. 0 lets the robot go up to it.
     pub hidden_clearance_m: f64,
+    /// Where ground without a measurement lies nearer than this the robot does not turn on the spot, but first goes back the way it
+    /// came [m], 0 to 10: wheels that turn on a slope slide down it, towards whatever that may be. Such ground is as wide as
+    /// `hidden_width_m` and beside ground. 0 lets it turn anywhere.
+    pub turn_clearance_m: f64,
     /// Narrower gaps in what was seen are gaps between the scanner's rings, and do not count [m], 0 to 10.
     pub hidden_width_m: f64,
     /// What must be under the footprint.
@@ -219,6 +223,7 @@ impl Default for PlanningConfig {
             footprint_radius_m: 0.5,
             step_clearance_m: 0.9,
             hidden_clearance_m: 0.9,
+            turn_clearance_m: 1.5,
             hidden_width_m: 1.2,
             footprint: FootprintRule::Clear,
             clearance_m: 0.95,
@@ -296,6 +301,7 @@ impl PlanningConfig {
             ("footprint_radius_m", self.footprint_radius_m, 0.0, 10.0, "m"),
             ("step_clearance_m", self.step_clearance_m, 0.0, 10.0, "m"),
             ("hidden_clearance_m", self.hidden_clearance_m, 0.0, 10.0, "m"),
+            ("turn_clearance_m", self.turn_clearance_m, 0.0, 10.0, "m"),
             ("hidden_width_m", self.hidden_width_m, 0.0, 10.0, "m"),
             ("clearance_m", self.clearance_m, 0.0, 10.0, "m"),
             ("clearance_weight", self.clearance_weight, 0.0, 100.0, ""),

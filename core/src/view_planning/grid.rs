@@ -35,6 +35,8 @@ pub(super) struct PlanningGrid {
     blocks_by_column: BitPlane,
     /// Known cells in the work area.
     pub known: BitPlane,
+    /// Cells in which ground was measured, wherever the work area is.
+    grounded: BitPlane,
     /// Cells of the work area of which nothing was ever seen.
     pub unexplored: BitPlane,
     /// C_nc over the navigable threshold, near enough to be driven to (wherever the work area is).
@@ -51,6 +53,8 @@ pub(super) struct PlanningGrid {
     pub driven: BitPlane,
     /// Cells near ground that was never seen, wider than the gaps between the scanner's rings.
     hidden: BitPlane,
+    /// Cells so near to ground without a measurement that the robot does not turn there.
+    pub precarious: BitPlane,
     /// The footprint would touch an obstacle, steep ground, a step, hidden ground or what held the robot, or what its rule
     /// forbids.
     pub cramped: BitPlane,
@@ -161,7 +165,7 @@ impl PlanningGrid {
     /// Puts the tiles' bits in their places.
     fn gather(&mut self) {
         let (height, stride) = (self.height, self.width / WORD);
-        for plane in [&mut self.blocks, &mut self.known, &mut self.navigable] {
+        for plane in [&mut self.blocks, &mut self.known, &mut self.grounded, &mut self.navigable] {
             plane.reset(height, stride, 0);
         }
         for (place, &slot) in self.table.iter().enumerate() {
@@ -170,6 +174,7 @@ impl PlanningGrid {
             for k in 0..SIDE {
                 self.blocks.or_sixteen(first_row + k, group, digest.blocks[k]);
                 self.known.or_sixteen(first_row + k, group, digest.known[k]);
+                self.grounded.or_sixteen(first_row + k, group, digest.grounded[k]);
                 self.navigable.or_sixteen(first_row + k, group, digest.navigable[k]);
             }
         }
@@ -379,6 +384,7 @@ impl PlanningGrid {
             &self.blocks,
             &self.blocks_by_column,
             &self.known,
+            &self.grounded,
             &self.unexplored,
             &self.navigable,
             &self.area,
@@ -387,6 +393,7 @@ impl PlanningGrid {
             &self.held,
             &self.driven,
             &self.hidden,
+            &self.precarious,
             &self.cramped,
             &self.beside,
             &self.close_beside,

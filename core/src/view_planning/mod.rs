@@ -29,6 +29,7 @@ mod tile_digest;
 mod tiles;
 mod tour;
 mod tour_order;
+mod turning_place;
 mod utility;
 mod visited;
 mod workspace;

@@ -16,6 +16,8 @@ pub(super) struct Survey {
     pub tree: CostTree,
     /// The robot's position [m, map frame].
     pub robot: Point3<f64>,
+    /// The robot's own cell, where its ways begin elsewhere: at a place behind it at which it can turn.
+    pub turns_behind: Option<usize>,
     pub ground: Ground,
 }
 
@@ -80,9 +82,10 @@ impl Survey {
         plan.decision = Decision::Stop { reason };
     }
 
-    /// The way to a cell as waypoints.
+    /// The way to a cell as waypoints; where the robot cannot turn as it stands the first piece leads straight back.
     pub fn path_to(&self, at: usize) -> Vec<[f64; 3]> {
-        waypoints(self, &self.tree.path_to(at))
+        let here = self.turns_behind.map(|cell| self.position(cell));
+        here.into_iter().chain(waypoints(self, &self.tree.path_to(at))).collect()
     }
 
     fn count(&self) -> Ground {

@@ -7,6 +7,7 @@ use super::grid::Extent;
 use super::plan::{Candidate, Decision, RawGain, Rejections, StopReason, ViewPlan};
 use super::strategy::Situation;
 use super::survey::Survey;
+use super::turning_place::place_to_turn;
 use super::utility::Yardsticks;
 use crate::geometry::rows_from_pose;
 use crate::information_map::{InformationMap, Zone};
@@ -98,8 +99,10 @@ impl Workspace {
         if has_changed || self.surveyed.as_ref() != Some(&key) {
             self.evaluation = None;
             self.surveyed = None;
-            let start = self.survey.grid.at(map.cell_containing(robot.x, robot.y)?)?;
-            self.survey.grow(start, robot, config);
+            let here = self.survey.grid.at(map.cell_containing(robot.x, robot.y)?)?;
+            let behind = place_to_turn(&self.survey.grid, map, [robot.x, robot.y], config);
+            self.survey.turns_behind = behind.map(|_| here);
+            self.survey.grow(behind.unwrap_or(here), robot, config);
             self.surveyed = Some(key);
         }
         Some(extent.leaves_out_some_of(map))

@@ -190,7 +190,7 @@ message! {
     pub struct RegistrationRequestMeta: "mirador/RegistrationRequestMeta/1", size 232 {
         /// Names the source scan.
         pub header: Header,
-        /// Id of the target scan; u64::MAX where the target is several scans together.
+        /// Id of the target scan; u64::MAX where nobody has said which it is.
         pub target_id: u64,
         /// target_from_source to start from, row-major 4x4.
         pub initial_target_from_source: [f64; 16],

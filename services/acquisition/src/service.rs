@@ -151,7 +151,6 @@ impl<'a> Acquisition<'a> {
             let emptied = empty_no_returns(points, range_min_m, range_max_m, self.config.drop_no_return_code);
             Filtered { range_min_m, range_max_m, emptied: emptied as u32 }
         });
-        self.scan.announce();
         let returns = points.iter().filter(|p| p.is_return()).count();
         if let Some(prior) = info.prior {
             self.pose.send_one(Envelope { header }, prior)?;

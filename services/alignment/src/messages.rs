@@ -69,13 +69,11 @@ pub(crate) fn meta(aligned: &Aligned, facts: &Facts) -> AlignmentMeta {
     }
 }
 
-/// The hypotheses of a record, at most `most`: of a scan that was tried at many places the first ones, and the last, beginning
-/// with the one that was accepted.
+/// The hypotheses of a record, at most `most`: of a scan that was tried at many places the first ones, and the last, which is the
+/// one that was accepted if any was.
 pub(crate) fn hypotheses(all: &[Hypothesis], most: usize) -> Vec<messages::Hypothesis> {
-    let last = all.iter().rposition(|tried| tried.rejected.is_none()).unwrap_or(all.len().saturating_sub(1));
-    let (before, from_there) = all.split_at(last);
-    let told = from_there.len().min(most);
-    before.iter().take(most - told).chain(from_there.iter().take(told)).map(hypothesis).collect()
+    let (before, last) = all.split_at(all.len().saturating_sub(1));
+    before.iter().take(most.saturating_sub(1)).chain(last.iter().take(most)).map(hypothesis).collect()
 }
 
 fn hypothesis(hypothesis: &Hypothesis) -> messages::Hypothesis {
@@ -185,7 +183,6 @@ fn word(name: HypothesisName) -> &'static str {
         HypothesisName::OlderScan => "prior, an older scan near it",
         HypothesisName::Held => "prior, along what the scans leave open",
         HypothesisName::Farther => "on from where another ended at its limits",
-        HypothesisName::Submap => "refined, all near scans as one",
         HypothesisName::ZeroMotion => "no motion",
         HypothesisName::Search => "search around the last pose",
         HypothesisName::Relocalisation => "relocalisation at a keyframe",
@@ -195,7 +192,6 @@ fn word(name: HypothesisName) -> &'static str {
 #[cfg(test)]
 mod tests {
     use mirador_core::geometry::Pose;
-    use mirador_core::slam6d::Rejection;
 
     use super::*;
 
@@ -216,12 +212,6 @@ mod tests {
         };
         assert_eq!((told(0, 4), told(3, 4), told(4, 4)), (vec![], vec![0, 1, 2], vec![0, 1, 2, 3]));
         assert_eq!((told(9, 4), told(9, 1)), (vec![0, 1, 2, 8], vec![8]));
-        // The last but one was accepted, and could not be refined.
-        let mut all: Vec<_> = (0..9).map(tried).collect();
-        let refused = |rejected: &mut Option<Rejection>| *rejected = Some(Rejection::Slid { slid_m: 0.5 });
-        all.iter_mut().enumerate().filter(|(k, _)| *k != 7).for_each(|(_, h)| refused(&mut h.rejected));
-        let told = |most| hypotheses(&all, most).iter().map(|h| h.iterations).collect::<Vec<_>>();
-        assert_eq!((told(4), told(1), told(9)), (vec![0, 1, 7, 8], vec![7], (0..9).collect()));
     }
 
     #[test]

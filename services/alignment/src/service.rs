@@ -192,7 +192,7 @@ impl<'a> Alignment<'a> {
     fn wait(&self, participant: &Participant) -> Pause {
         let Some(scans) = self.intake.awaited().filter(|_| !self.is_correction_ready()) else { return self.pause };
         let timeout = if self.waiting.is_empty() { HEARTBEAT } else { self.patience_left().min(HEARTBEAT) };
-        participant.wait_announced(&[scans, &self.plans], timeout)
+        participant.wait(&[scans, &self.plans], timeout)
     }
 
     fn receive_priors(&mut self) -> Result<(), ServiceError> {

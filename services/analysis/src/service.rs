@@ -95,7 +95,7 @@ impl Analysis {
         scans.into_iter().chain([&self.alignments as &dyn Wakeable]).collect()
     }
 
-    /// Waits; a pose whose scan is at hand is looked for as soon as it is announced. A scan is not: alignment looks for that.
+    /// Waits; a pose whose scan is at hand is looked for as soon as it is announced.
     fn wait(&self, participant: &Participant) -> Pause {
         let ports = self.awaited();
         if self.current.is_some() {

@@ -30,8 +30,6 @@ pub struct PreparedCloud {
     /// What the shape is fitted to, until it is.
     moments: Mutex<Vec<Moments>>,
     threads: usize,
-    /// Whether all was seen from the origin.
-    has_one_viewpoint: bool,
     /// One point of each brick, for the first steps, when much is still to be searched.
     sparse: KdTree,
     /// Of each sparse point, in the tree's order, the index of the point.
@@ -65,7 +63,6 @@ impl PreparedCloud {
             shape: OnceLock::new(),
             moments: Mutex::new(thinned.moments),
             threads: config.threads,
-            has_one_viewpoint: !scan.is_of_several,
             sparse,
             sparse_of,
         })
@@ -87,15 +84,6 @@ impl PreparedCloud {
         self.planes().get(index).filter(|plane| plane.normal != [0.0; 3]).map(|plane| (plane.normal, plane.offset))
     }
 
-    /// Whether a scanner elsewhere, in this scan's frame [m], sees the other side of the surface that a point lies on: it stands
-    /// behind the point's plane. `false` where there is no plane, and where the scan was not seen from one place.
-    #[must_use]
-    pub fn is_seen_from_behind(&self, index: usize, scanner: [f32; 3]) -> bool {
-        let (point, plane) = (&self.points[index], &self.planes()[index]);
-        let arm = std::array::from_fn(|axis| point[axis] - scanner[axis]);
-        self.has_one_viewpoint && plane.is_seen_from_behind(point, &scanner, &arm)
-    }
-
     /// The tangent planes, under the indices of the points.
     pub(in crate::registration) fn planes(&self) -> &[Plane] {
         &self.shape().planes
@@ -113,11 +101,6 @@ impl PreparedCloud {
             let cells = cells::fit(&self.voxels, &moments, &planes);
             Shape { planes, cells }
         })
-    }
-
-    /// Whether all was seen from the origin, the side to which the planes' normals point.
-    pub(in crate::registration) fn has_one_viewpoint(&self) -> bool {
-        self.has_one_viewpoint
     }
 
     /// The voxels that [`PreparedScan::points`] are the centroids of.

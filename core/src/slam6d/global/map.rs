@@ -51,13 +51,6 @@ impl Map {
         self.node_of.get(&scan_id).copied()
     }
 
-    /// Whether two nodes were aligned to each other, by a pair that still counts.
-    pub fn are_tied(&self, a: usize, b: usize) -> bool {
-        let (earlier, later) = (a.min(b), a.max(b));
-        let edges = self.edges_to.get(later).into_iter().flatten();
-        edges.into_iter().any(|edge| self.edges[*edge].from == earlier && !self.is_off[*edge])
-    }
-
     /// Takes in a scan; an accepted one with its keyframe.
     ///
     /// # Errors

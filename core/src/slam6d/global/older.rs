@@ -40,14 +40,6 @@ impl OlderScans for OlderNodes<'_> {
         nearest.map_or(f64::INFINITY, |pose| (pose.translation.vector - guess.translation.vector).norm())
     }
 
-    fn tied_to(&mut self, registration: &dyn Registration, to: u64, guess: &Pose, most: usize) -> Vec<Accepted> {
-        let Some(target) = self.map.node_of(to) else { return Vec::new() };
-        let mut nodes = by_distance(self.map, self.config, guess);
-        nodes.retain(|node| self.map.are_tied(*node, target));
-        nodes.truncate(most);
-        nodes.into_iter().filter_map(|node| self.accepted(registration, node)).collect()
-    }
-
     fn by_id(&mut self, registration: &dyn Registration, scan_id: u64) -> Option<Accepted> {
         self.accepted(registration, self.map.node_of(scan_id)?)
     }

@@ -7,26 +7,41 @@ use crate::view_planning::bits::{BitPlane, WORD};
 use crate::view_planning::config::PlanningConfig;
 
 impl PlanningGrid {
-    /// Marks what lies near ground that nothing was ever seen of, so wide that it may be hidden because it falls away, and with
-    /// nothing that stands between. Under the scanner, where it cannot look, the robot stands.
+    /// Marks what lies near ground that may be hidden because it falls away, with nothing that stands between: to drive, ground
+    /// that nothing was ever seen of; to turn, ground without a measurement. Under the scanner, where it cannot look, the robot
+    /// stands.
     pub(super) fn mark_hidden(&mut self, extent: &Extent, config: &PlanningConfig) {
-        self.hidden.reset(self.height, self.width / WORD, 0);
-        if config.hidden_clearance_m <= 0.0 {
-            return;
-        }
-        self.scratch.stride = self.known.stride;
-        self.scratch.words.clone_from(&self.known.words);
-        let middle = |metres: f64| ((metres / self.cell_m).floor() + 0.5) * self.cell_m;
-        let start = [middle(extent.robot.x), middle(extent.robot.y)];
-        self.for_each_cell_within(start, config.start_clearance_m, |grid, row, bit| grid.scratch.set(row, bit));
+        let (mut hidden, mut precarious) = (std::mem::take(&mut self.hidden), std::mem::take(&mut self.precarious));
         let mut seen = std::mem::take(&mut self.scratch);
-        let mut hidden = std::mem::take(&mut self.hidden);
-        self.spread_hidden(&mut seen, config, &mut hidden);
-        (self.scratch, self.hidden) = (seen, hidden);
+        seen.clone_from(&self.known);
+        self.mark_hidden_from(&mut seen, extent, config, config.hidden_clearance_m, &mut hidden);
+        seen.clone_from(&self.grounded);
+        seen.words.iter_mut().zip(&self.blocks.words).for_each(|(seen, blocks)| *seen |= blocks);
+        self.mark_hidden_from(&mut seen, extent, config, config.turn_clearance_m, &mut precarious);
+        (self.hidden, self.precarious, self.scratch) = (hidden, precarious, seen);
     }
 
-    /// The cells as near to ground that may be hidden as the robot must not come; `seen` is used up.
-    fn spread_hidden(&self, seen: &mut BitPlane, config: &PlanningConfig, out: &mut BitPlane) {
+    /// The cells nearer than the clearance to ground that may be hidden; none for a clearance of 0. `seen` is used up.
+    fn mark_hidden_from(
+        &mut self,
+        seen: &mut BitPlane,
+        extent: &Extent,
+        config: &PlanningConfig,
+        clearance_m: f64,
+        out: &mut BitPlane,
+    ) {
+        if clearance_m <= 0.0 {
+            out.reset(self.height, self.width / WORD, 0);
+            return;
+        }
+        let middle = |metres: f64| ((metres / self.cell_m).floor() + 0.5) * self.cell_m;
+        let start = [middle(extent.robot.x), middle(extent.robot.y)];
+        self.for_each_cell_within(start, config.start_clearance_m, |_, row, bit| seen.set(row, bit));
+        self.spread_hidden(seen, config, clearance_m, out);
+    }
+
+    /// The cells nearer than the clearance to ground that may be hidden; `seen` is used up.
+    fn spread_hidden(&self, seen: &mut BitPlane, config: &PlanningConfig, clearance_m: f64, out: &mut BitPlane) {
         let gap = 0.5 * config.hidden_width_m / self.cell_m;
         let mut wide = BitPlane::default();
         // What a disc of the gap's width fits into.
@@ -37,7 +52,7 @@ impl PlanningGrid {
         seen.words.iter_mut().zip(&self.blocks.words).for_each(|(seen, blocks)| *seen &= !blocks);
         seen.dilate_into(std::f64::consts::SQRT_2, out);
         wide.words.iter_mut().zip(&out.words).for_each(|(wide, beside)| *wide &= beside);
-        wide.dilate_into(config.hidden_clearance_m / self.cell_m, out);
+        wide.dilate_into(clearance_m / self.cell_m, out);
     }
 
     /// Cells at ground of the work area of which nothing was ever seen: beside it, and those that the robot cannot go nearer
@@ -48,7 +63,7 @@ impl PlanningGrid {
         if config.hidden_clearance_m > 0.0 {
             let (mut seen, mut hidden) = (self.unexplored.clone(), BitPlane::default());
             seen.words.iter_mut().for_each(|word| *word = !*word);
-            self.spread_hidden(&mut seen, config, &mut hidden);
+            self.spread_hidden(&mut seen, config, config.hidden_clearance_m, &mut hidden);
             hidden.dilate_into(std::f64::consts::SQRT_2, &mut seen);
             brink.words.iter_mut().zip(&seen.words).for_each(|(brink, near)| *brink |= near);
         }

@@ -50,7 +50,7 @@ fn an_honest_answer_is_taken_with_its_covariance() {
 }
 
 #[test]
-fn a_request_names_its_two_scans_and_a_submap_by_no_id() {
+fn a_request_names_its_two_scans_and_what_is_no_single_scan_by_no_id() {
     let mut stage = Stage::new(
         PATIENT_MS,
         Some(|request, items, results| {
@@ -61,7 +61,7 @@ fn a_request_names_its_two_scans_and_a_submap_by_no_id() {
     );
     stage.tally.set_newest(Header::new(9, 5));
     let scans = pair(&YARD, &truth());
-    // The newest scan to an older one, and an older one to several.
+    // The newest scan to an older one, and an older one to a local map.
     for pair in [PairIds { target: Some(7), source: Some(9) }, PairIds { target: None, source: Some(8) }] {
         stage.own.as_mut().unwrap().0.name_pair(pair);
         stage.align(&scans, &Pose::identity(), &Limits::default());
