@@ -1,5 +1,6 @@
-//! What a robot does that gets no further, or cannot turn where it stands: it backs up the way it came. From an edge it goes so far that it can turn where it
-//! then stands, for the next path may begin with a turn, and a robot that turns swings its corners and slides.
+//! What a robot does that gets no further, or cannot turn where it stands: it backs up the way it came. From an edge it goes so far
+//! that it can turn where it then stands, for the next path may begin with a turn, and a robot that turns swings its corners and
+//! slides.
 
 use nalgebra::Point3;
 
@@ -29,8 +30,9 @@ pub(super) struct Retreat {
     pub leaves_edge: bool,
     /// It gets away forwards: its tail hangs over an edge.
     goes_ahead: bool,
-    /// Nothing holds it: its path begins behind it. And whether it did.
+    /// Nothing holds it: it is on its way back to where its path begins.
     begins_path: bool,
+    /// Its path began behind it.
     pub began_path: bool,
     /// Where something held it when it last backed up.
     pub held: Option<Obstruction>,
