@@ -7,7 +7,8 @@ mod support;
 use std::fs;
 use std::path::Path;
 
-use mirador_ipc_schema::topics;
+use mirador_ipc_schema::messages::Envelope;
+use mirador_ipc_schema::{Topic, topics};
 use support::outputs::{assert_same_bits, recording};
 use support::{Stage, summary};
 
@@ -183,4 +184,49 @@ fn what_cannot_be_explored_is_refused_by_name() {
     let walled = simple.replace(free, walled);
     fs::write(stage.path("walled.toml"), walled).unwrap();
     refused(&["explore", "walled.toml"], &["walled.toml", "blocked"]);
+}
+
+/// Where a run's messages of a topic say something: simulated time [s] and what `say` makes of the item.
+fn told<T: Topic<Meta = Envelope>, R>(out: &Path, say: impl Fn(&T::Item) -> R) -> Vec<(f64, R)> {
+    let mut told = Vec::new();
+    let collect = |meta: &Envelope, items: &[T::Item]| {
+        told.extend(items.iter().map(|item| (meta.header.stamp_ns as f64 * 1e-9, say(item))));
+    };
+    recording(out).for_each::<T>(collect).unwrap();
+    told
+}
+
+#[test]
+fn a_sensor_that_falls_silent_or_babbles_on_the_way_stops_the_robot_until_it_is_well_again() {
+    let stage = Stage::new();
+    let world = world(&stage);
+    let run = |out: &str, more: &[&str]| {
+        explore(&stage, &world, out, &[&["--max-scans", "2"][..], more].concat());
+        let out = stage.path(out);
+        assert_eq!((&summary(&out)["aligned"], &summary(&out)["given_up"]), (&2.into(), &serde_json::json!([])));
+        told::<topics::RobotState, f64>(&out, |state| state.linear)
+    };
+    let speeds = run("well", &[]);
+    let is_driving = |seconds: &&[(f64, f64)]| seconds.iter().all(|(_, speed)| *speed > 0.3);
+    let from = speeds.windows(40).find(is_driving).expect("two seconds of driving")[10].0;
+    let faults = [
+        ("planar_scan", 0, "the front laser is silent"),
+        ("planar_scan", 40, "the front laser babbles"),
+        ("imu", 0, "localisation is lost"),
+        ("odometry", 0, "localisation is lost"),
+    ];
+    for (topic, repeats, words) in faults {
+        let to = from + 2.5;
+        let fault = format!("{{ topic = \"{topic}\", from_s = {from}, to_s = {to}, repeats = {repeats} }}");
+        let speeds = run("ill", &["--set", &format!("simulator.faults=[{fault}]")]);
+        let within = |from: f64, to: f64| speeds.iter().filter(move |(time, _)| (from..to).contains(time));
+        let said = told::<topics::NavigationStatus, String>(&stage.path("ill"), |status| {
+            mirador_ipc_schema::text::unpack(&status.reason).to_owned()
+        });
+        let first = said.iter().find(|(_, reason)| reason == words).map(|(time, _)| time - from);
+        assert!(first.is_some_and(|after| (0.0..1.0).contains(&after)), "{topic} {repeats}: {first:?} {said:?}");
+        let stands = within(from + 1.5, to).all(|(_, speed)| speed.abs() < 0.05);
+        assert!(stands, "{topic} {repeats}: {:?}", within(from, to).collect::<Vec<_>>());
+        assert!(within(to, to + 3.0).any(|(_, speed)| *speed > 0.3), "{topic} {repeats}: it goes on");
+    }
 }

@@ -65,6 +65,10 @@ fn answer(behaviour: &str) {
                 "hang" => loop {
                     std::thread::sleep(Duration::from_secs(3600));
                 },
+                "named" if [request.meta().target_id, request.header().id].contains(&u64::MAX) => {
+                    send(RegistrationResult { target_from_source: [f64::NAN; 16], ..honest() });
+                }
+                "named" => send(honest()),
                 "nan" => send(RegistrationResult { target_from_source: [f64::NAN; 16], ..honest() }),
                 "non_rigid" => {
                     let target_from_source = std::array::from_fn(|i| if i % 5 == 0 { 1.5 } else { 0.0 });

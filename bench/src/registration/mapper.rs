@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use mirador_core::geometry::Pose;
 use mirador_core::registration::{
-    AlignError, Alignment, Limits, PreparationConfig, PrepareError, PreparedScan, Registration, Registry,
+    AlignError, Alignment, Limits, PairIds, PreparationConfig, PrepareError, PreparedScan, Registration, Registry,
 };
 use mirador_core::scan::ScanView;
 use mirador_core::slam6d::SequentialConfig;
@@ -187,5 +187,9 @@ impl Registration for Timed {
         let result = self.inner.align(target, source, initial_target_from_source, limits);
         Self::add(&self.clock.align, begin);
         result
+    }
+
+    fn name_pair(&mut self, pair: PairIds) {
+        self.inner.name_pair(pair);
     }
 }

@@ -85,7 +85,7 @@ impl Default for ImuModel {
         Self {
             acceleration_sigma: 0.2,
             acceleration_bias: 0.02,
-            angular_sigma: 0.015,
+            angular_sigma: 0.006,
             angular_bias: 0.0005,
             bias_correlation_s: 300.0,
             gravity: 9.81,
@@ -142,8 +142,8 @@ impl Default for WheelModel {
     }
 }
 
-/// A laser that looks level: what it sees of the surroundings tells whether the robot goes where its wheels go. For floors and
-/// streets: among hills what it sees is mostly ground, which seems to go along.
+/// A laser that looks level: what it sees of the surroundings tells how far the robot turns, and whether it goes where its wheels go.
+/// For floors and streets: among hills what it sees is mostly ground, which seems to go along.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct LaserModel {
@@ -155,7 +155,7 @@ pub struct LaserModel {
     pub least_share: f64,
     /// and fit so well, root mean square [m], 0.001 to 1,
     pub rms_max_m: f64,
-    /// and so tell the way between them with no larger standard deviation than this in any direction [m], 0.001 to 1.
+    /// and, where the way is asked for, so tell it with no larger standard deviation than this in any direction [m], 0.001 to 1.
     pub sigma_max_m: f64,
     /// They are compared only while the robot leans by less than this [deg], 0.1 to 45.
     pub level_deg: f64,

@@ -130,7 +130,7 @@ impl LaserTrack {
 }
 
 /// Between the robot's z axis and up [rad].
-fn tilt(map_from_robot: &Pose) -> f64 {
+pub(super) fn tilt(map_from_robot: &Pose) -> f64 {
     (map_from_robot.rotation * Vector3::z()).z.clamp(-1.0, 1.0).acos()
 }
 

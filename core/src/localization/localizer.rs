@@ -1,23 +1,22 @@
 //! The filter with its sensors: readings in the order of time, scans in the order they were taken.
 
+mod sensors;
+
 use nalgebra::Vector3;
 
 use super::config::LocalizationConfig;
 use super::intake::{Intake, Refusals};
+use super::laser_heading::LaserHeading;
 use super::laser_track::LaserTrack;
 use super::lost::{Lost, Quarrel, Signs, Source, judge};
 use super::measurements::{self, Earth};
 use super::readings::{GnssSample, ImuSample, MagneticSample, Reading, SweepSample, WheelSample};
-use super::state::{GYRO_BIAS, Measurement, Motion, POSITION, ROTATION, State};
+use super::state::{Motion, POSITION, ROTATION, State};
 use crate::geometry::{Covariance, Pose, adjoint};
 use crate::registration::ConfigError;
 
-/// Gate of the wheels' speed, standard deviations.
-const WHEEL_GATE: f64 = 4.0;
 /// What a metre between the end of a scan and the time its pose is known adds to that pose [m, rad].
 const MOVED_SIGMA: f64 = 0.02;
-/// Time over which the gyroscopes of a standing robot are averaged before they are believed [s].
-const STILL_S: f64 = 0.5;
 
 /// Where the robot is.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,6 +70,10 @@ pub struct Counters {
     pub wheels_gated: u64,
     /// Pieces of the way over which the laser saw the robot lag far behind its wheels.
     pub slips: u64,
+    /// Pieces of the way over which the laser saw how far the robot turned.
+    pub turns: u64,
+    /// Such pieces over which that was outside its gate.
+    pub turns_gated: u64,
     /// Positions of the receiver outside their gate.
     pub gnss_gated: u64,
     /// Magnetic headings outside their gate.
@@ -95,6 +98,7 @@ pub struct Localizer {
     imu_period: f64,
     wheels: Option<WheelSample>,
     laser: LaserTrack,
+    laser_heading: LaserHeading,
     /// Since when the wheels stand.
     standing_since_ns: Option<i64>,
     /// Since when the robot stands, and the mean of its gyroscopes [rad/s].
@@ -127,6 +131,7 @@ impl Localizer {
             imu_period: 0.01,
             wheels: None,
             laser: LaserTrack::default(),
+            laser_heading: LaserHeading::default(),
             standing_since_ns: None,
             still: None,
             magnetic_ns: None,
@@ -147,6 +152,7 @@ impl Localizer {
         }
         self.state.put(map_from_robot, &covariance);
         self.laser.forget();
+        self.laser_heading.forget();
         self.state.drift = Vector3::zeros();
         self.state.reopen_drift(self.config.gnss.drift_sigma);
     }
@@ -183,6 +189,9 @@ impl Localizer {
         if now_ns > self.now_ns {
             self.begun_ns = self.begun_ns.or(Some(now_ns));
             while let Some(reading) = self.intake.next(now_ns) {
+                if let Reading::Imu(sample) = &reading {
+                    self.hear_of_interval(sample);
+                }
                 self.predict_to(reading.stamp_ns());
                 self.use_reading(&reading);
             }
@@ -262,6 +271,7 @@ impl Localizer {
         let is_far = self.state.distance2(&measurement) > self.config.scans.gate.powi(2);
         if is_far {
             self.state.put(&measured, &noise);
+            self.laser_heading.forget();
             self.counters.moved += 1;
         } else {
             self.state.correct(&measurement);
@@ -285,6 +295,7 @@ impl Localizer {
         let new_from_old = map_from_scanner * before.inverse();
         self.state.move_along(&new_from_old);
         self.laser.forget();
+        self.laser_heading.forget();
         if let Some((_, then)) = &mut self.anchor {
             *then = new_from_old * *then;
         }
@@ -300,6 +311,15 @@ impl Localizer {
         };
         let known = if covariance.iter().all(|value| *value == 0.0) { diagonal(0.05, 0.5) } else { *covariance };
         0.5 * (known + known.transpose()) + diagonal(config.extra_sigma_m, config.extra_sigma_deg)
+    }
+
+    /// A reading of the inertial unit is the mean of the interval that it ends: over that it is the word, and goes on to be.
+    fn hear_of_interval(&mut self, sample: &ImuSample) {
+        let Some(last) = self.imu else { return };
+        let period = seconds(last.stamp_ns, sample.stamp_ns);
+        if period < self.config.imu.gap_s {
+            (self.imu, self.imu_period) = (Some(*sample), period);
+        }
     }
 
     /// Predicts up to a reading, or up to now, by the last word of the inertial unit as long as it is fresh.
@@ -322,119 +342,6 @@ impl Localizer {
             self.state.predict(seconds(fresh_until, stamp_ns), &Motion::Unknown { turning }, &self.config);
         }
         self.time_ns = Some(stamp_ns);
-    }
-
-    fn use_reading(&mut self, reading: &Reading) {
-        match reading {
-            Reading::Imu(sample) => self.use_imu(sample),
-            Reading::Wheels(sample) => self.use_wheels(sample),
-            Reading::Gnss(sample) if self.config.gnss.is_used => self.use_gnss(sample),
-            Reading::Magnetic(sample) if self.config.magnetometer.is_used => self.use_magnetometer(sample),
-            Reading::Sweep(sample) => self.use_sweep(sample),
-            Reading::Gnss(_) | Reading::Magnetic(_) => {}
-        }
-    }
-
-    fn use_imu(&mut self, sample: &ImuSample) {
-        match self.imu {
-            None => self.state.level(&sample.acceleration),
-            Some(last) => {
-                let period = seconds(last.stamp_ns, sample.stamp_ns);
-                self.imu_period = if period < self.config.imu.gap_s { period } else { self.imu_period };
-            }
-        }
-        self.imu = Some(*sample);
-        if self.is_standing() {
-            self.learn_gyro_bias(sample);
-        } else {
-            self.still = None;
-        }
-    }
-
-    /// What the gyroscopes of a standing robot say is their bias, unless it creeps: a slope turns a robot slowly, which a
-    /// mean over a while tells from a bias that was known better.
-    fn learn_gyro_bias(&mut self, sample: &ImuSample) {
-        let (since, mean) = self.still.get_or_insert((sample.stamp_ns, sample.angular_velocity));
-        *mean += (self.imu_period / STILL_S) * (sample.angular_velocity - *mean);
-        if seconds(*since, sample.stamp_ns) < STILL_S {
-            return;
-        }
-        let mean = *mean;
-        let spread = self.config.imu.angular_sigma.powi(2) * self.imu_period / STILL_S;
-        let known = self.state.covariance.fixed_view::<3, 3>(GYRO_BIAS, GYRO_BIAS).diagonal();
-        let off = mean - self.state.gyro_bias;
-        if (0..3).all(|k| off[k].powi(2) < 9.0 * (spread + known[k])) {
-            let standing = measurements::standing_gyro(&self.state, &sample.angular_velocity, &self.config);
-            self.state.correct(&standing);
-        }
-    }
-
-    fn use_wheels(&mut self, sample: &WheelSample) {
-        let change = self.wheels.map_or(0.0, |last| sample.linear - last.linear);
-        let since = self.wheels.map_or(0.0, |last| seconds(last.stamp_ns, sample.stamp_ns));
-        self.laser.wheels(sample.linear * since);
-        self.wheels = Some(*sample);
-        let is_still = sample.linear == 0.0 && sample.angular == 0.0;
-        self.standing_since_ns = if is_still { self.standing_since_ns.or(Some(sample.stamp_ns)) } else { None };
-        if self.is_standing() {
-            self.state.correct(&measurements::zero_velocity(&self.state, &self.config));
-            return;
-        }
-        let turning = self.angular_velocity().z;
-        if !self.laser.is_slipping() {
-            self.use_forward_speed(sample, change, turning);
-        }
-        self.state.correct(&measurements::no_side_slip(&self.state, turning, &self.config));
-    }
-
-    fn use_forward_speed(&mut self, sample: &WheelSample, change: f64, turning: f64) {
-        let forward = measurements::forward_speed(&self.state, sample, change, turning, &self.config);
-        let agrees = self.state.distance2(&forward) < WHEEL_GATE.powi(2);
-        self.quarrels[0].note(sample.stamp_ns, agrees);
-        if agrees {
-            self.state.correct(&forward);
-        } else {
-            self.counters.wheels_gated += 1;
-        }
-    }
-
-    fn use_sweep(&mut self, sample: &SweepSample) {
-        let Some(slip) = self.laser.hear(sample, &self.state.pose(), &self.config.laser) else { return };
-        self.state.position += slip.shift;
-        self.state.velocity = slip.velocity;
-        self.counters.slips += 1;
-    }
-
-    fn use_gnss(&mut self, sample: &GnssSample) {
-        let config = &self.config.gnss;
-        let gate = config.gate.powi(2);
-        let position = self.earth.position(&self.state, sample, config);
-        let agrees = self.state.distance2(&position) < gate;
-        self.quarrels[1].note(sample.stamp_ns, agrees);
-        if !agrees {
-            self.counters.gnss_gated += 1;
-            return;
-        }
-        self.state.correct(&position);
-        let velocity = self.earth.velocity(&self.state, sample, &self.angular_velocity(), config);
-        if self.state.distance2(&velocity) < gate {
-            self.state.correct(&velocity);
-        }
-    }
-
-    fn use_magnetometer(&mut self, sample: &MagneticSample) {
-        let config = &self.config.magnetometer;
-        if self.magnetic_ns.is_some_and(|last| seconds(last, sample.stamp_ns) < config.period_s) {
-            return;
-        }
-        self.magnetic_ns = Some(sample.stamp_ns);
-        let Some(heading) = self.earth.heading(&self.state, &sample.field, &self.config) else { return };
-        let is_near = |measurement: &Measurement<1>| self.state.distance2(measurement) < config.gate.powi(2);
-        if is_near(&heading) {
-            self.state.correct(&heading);
-        } else {
-            self.counters.magnetometer_gated += 1;
-        }
     }
 
     /// Turning in the robot's frame without the bias; what the wheels say while the inertial unit is silent.

@@ -5,7 +5,10 @@ use nalgebra::{Matrix1, Matrix2, Matrix3, SVector, Vector1, Vector2, Vector3};
 use super::config::{GnssModel, LocalizationConfig};
 use super::geodesy::LocalFrame;
 use super::readings::{GnssSample, WheelSample};
-use super::state::{DRIFT, GYRO_BIAS, IRON, Jacobian, Measurement, POSITION, ROTATION, SLIP, State, VELOCITY};
+use super::state::{
+    DRIFT, GYRO_BIAS, HEADING_THEN, IRON, Jacobian, Measurement, POSITION, ROTATION, SLIP, State, VELOCITY,
+};
+use super::sweep_matching::Turn;
 use crate::geometry::{Covariance, Pose, log};
 
 /// Velocity in the robot's frame [m/s] with its derivatives.
@@ -78,6 +81,15 @@ pub(super) fn standing_gyro(
     // Twice the noise: a robot that stands may still tremble.
     let noise = Matrix3::identity() * (2.0 * config.imu.angular_sigma).powi(2);
     Measurement { residual: angular_velocity - state.gyro_bias, jacobian, noise }
+}
+
+/// By how much more than the estimate has it the robot has turned since its heading was remembered.
+pub(super) fn turn(state: &State, turn: &Turn) -> Measurement<1> {
+    let mut jacobian = Jacobian::<1>::zeros();
+    let up = state.rotation.inverse() * Vector3::z();
+    jacobian.fixed_view_mut::<1, 3>(0, ROTATION).copy_from(&up.transpose());
+    jacobian[HEADING_THEN] = -1.0;
+    Measurement { residual: Vector1::new(turn.radians), jacobian, noise: Matrix1::new(turn.variance) }
 }
 
 /// How the map lies on the earth.

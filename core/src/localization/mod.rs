@@ -1,5 +1,5 @@
-//! Where the robot is: an error-state Kalman filter over inertial unit, wheels, satellites, magnetometer and the poses
-//! of aligned scans.
+//! Where the robot is: an error-state Kalman filter over inertial unit, wheels, a level laser, satellites, magnetometer and
+//! the poses of aligned scans.
 //!
 //! After J. Sola, "Quaternion kinematics for the error-state Kalman filter" (2017), sections 5 and 6: the inertial unit
 //! drives the prediction, everything else corrects it. Errors that hold for a while (drift of the satellite receiver,
@@ -10,6 +10,7 @@
 mod config;
 mod geodesy;
 mod intake;
+mod laser_heading;
 mod laser_track;
 mod localizer;
 mod lost;

@@ -6,10 +6,10 @@ use super::config::LocalizationConfig;
 use crate::geometry::{Covariance, Pose};
 
 /// Dimensions of the error.
-pub(super) const DIM: usize = 20;
+pub(super) const DIM: usize = 21;
 /// Where the parts of the error begin: position (map frame), velocity (map frame), rotation vector (robot frame, on the
 /// right), biases of gyroscopes and accelerometers, drift of the satellite receiver (map frame), share by which the
-/// wheels go too far, magnetic deviation.
+/// wheels go too far, magnetic deviation, heading at an earlier moment.
 pub(super) const POSITION: usize = 0;
 pub(super) const VELOCITY: usize = 3;
 pub(super) const ROTATION: usize = 6;
@@ -18,6 +18,7 @@ pub(super) const ACCELERATION_BIAS: usize = 12;
 pub(super) const DRIFT: usize = 15;
 pub(super) const SLIP: usize = 18;
 pub(super) const IRON: usize = 19;
+pub(super) const HEADING_THEN: usize = 20;
 
 pub(super) type ErrorCovariance = SMatrix<f64, DIM, DIM>;
 pub(super) type Jacobian<const N: usize> = SMatrix<f64, N, DIM>;
@@ -41,6 +42,8 @@ pub(super) struct State {
     pub drift: Vector3<f64>,
     pub slip: f64,
     pub iron: f64,
+    /// What was learnt since a remembered moment about the heading then [rad].
+    pub heading_then: f64,
     pub covariance: ErrorCovariance,
 }
 
@@ -82,6 +85,7 @@ impl State {
             drift: Vector3::zeros(),
             slip: 0.0,
             iron: 0.0,
+            heading_then: 0.0,
             covariance: ErrorCovariance::from_diagonal(&sigmas.component_mul(&sigmas)),
         }
     }
@@ -231,12 +235,25 @@ impl State {
         self.drift += part(DRIFT);
         self.slip += error[SLIP];
         self.iron += error[IRON];
+        self.heading_then += error[HEADING_THEN];
         // The error is counted in the corrected robot's frame from now on (287).
         let reset = Matrix3::identity() - 0.5 * part(ROTATION).cross_matrix();
         let rows: SMatrix<f64, 3, DIM> = reset * self.covariance.fixed_rows::<3>(ROTATION);
         self.covariance.fixed_rows_mut::<3>(ROTATION).copy_from(&rows);
         let columns: SMatrix<f64, DIM, 3> = self.covariance.fixed_columns::<3>(ROTATION) * reset.transpose();
         self.covariance.fixed_columns_mut::<3>(ROTATION).copy_from(&columns);
+    }
+
+    /// Remembers the heading of now, for a measurement of how far the robot turns from here: its error goes on beside that of the
+    /// heading, and is as well known as that is now.
+    pub fn remember_heading(&mut self) {
+        self.heading_then = 0.0;
+        let mut clone = ErrorCovariance::identity();
+        clone[(HEADING_THEN, HEADING_THEN)] = 0.0;
+        let up = self.rotation.inverse() * Vector3::z();
+        clone.fixed_view_mut::<1, 3>(HEADING_THEN, ROTATION).copy_from(&up.transpose());
+        self.covariance = clone * self.covariance * clone.transpose();
+        self.symmetrise();
     }
 
     /// Puts the robot somewhere else, known to `covariance` (as of [`State::pose_covariance`]) and no longer tied to
@@ -295,5 +312,34 @@ impl State {
 
     fn symmetrise(&mut self) {
         self.covariance = 0.5 * (self.covariance + self.covariance.transpose());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::measurements;
+    use super::super::sweep_matching::Turn;
+    use super::*;
+
+    #[test]
+    fn a_turn_from_a_moment_just_remembered_teaches_nothing_and_one_from_long_ago_is_believed() {
+        let config = LocalizationConfig::default();
+        let mut state = State::new(&config);
+        state.remember_heading();
+        let turn = Turn { radians: 0.01, variance: 1e-8 };
+        let before = state.clone();
+        state.correct(&measurements::turn(&state, &turn));
+        assert_eq!(state.rotation, before.rotation);
+        assert!((state.covariance - before.covariance).norm() < 1e-12);
+        let angular_velocity = Vector3::new(0.0, 0.0, 0.1);
+        let motion = Motion::Measured { acceleration: Vector3::z() * 9.81, angular_velocity, period: 0.01 };
+        for _ in 0..2000 {
+            state.predict(0.01, &motion, &config);
+        }
+        let (heading, bias) = (state.heading(), state.gyro_bias.z);
+        state.correct(&measurements::turn(&state, &turn));
+        let learnt = state.heading() - heading - state.heading_then;
+        assert!((learnt - 0.01).abs() < 1e-4, "{learnt}");
+        assert!(state.gyro_bias.z < bias, "it turned farther than the gyroscopes had it");
     }
 }

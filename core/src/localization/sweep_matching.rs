@@ -29,8 +29,14 @@ const OFF_PLANE_M: f64 = 0.1;
 /// seen would look as if it had moved.
 const TILTED: f64 = 0.004;
 const RISEN_M: f64 = 0.01;
+/// The same where only the turn is asked for: what stands upright tells it, tilted or not.
+const WALLS_TILTED: f64 = 0.02;
+const WALLS_RISEN_M: f64 = 0.05;
 /// How well the gyroscopes know the turn between two sweeps [rad].
 const TURN_SIGMA: f64 = 0.002;
+/// Where that is asked for: how well the estimate has the way between them [m], and the turn, at the very most [rad].
+const WAY_SIGMA_M: f64 = 0.1;
+const WIDE_TURN_SIGMA: f64 = 0.02;
 /// Neighbouring beams err alike: so many count as one.
 const ALIKE: f64 = 4.0;
 
@@ -50,6 +56,22 @@ pub(super) struct Shift {
     pub covariance: Matrix2<f64>,
 }
 
+/// How much farther the robot has turned than the estimate has it, about the laser's axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Turn {
+    /// To the left [rad].
+    pub radians: f64,
+    /// Its variance [rad^2].
+    pub variance: f64,
+}
+
+/// How well the estimate has the way and the turn between two sweeps [m, rad].
+#[derive(Debug, Clone, Copy)]
+struct Expected {
+    metres: f64,
+    radians: f64,
+}
+
 /// An earlier sweep.
 #[derive(Debug, Clone)]
 pub(super) struct ReferenceSweep {
@@ -67,11 +89,35 @@ impl ReferenceSweep {
         Self { first_angle, angle_step, robot_from_laser: sweep.robot_from_laser(), marks }
     }
 
-    /// Matches a later sweep, put by `then_from_now`, the pose of the robot now in that of the earlier sweep. `None` where the
-    /// surroundings do not tell, or too few of the points fit.
+    /// Matches a later sweep, put by `then_from_now`, the pose of the robot now in that of the earlier sweep, for the way between
+    /// them. `None` where the surroundings do not tell, or too few of the points fit.
     pub fn shift(&self, sweep: &SweepSample, then_from_now: &Pose, config: &LaserModel) -> Option<Shift> {
+        let expected = Expected { metres: f64::INFINITY, radians: TURN_SIGMA };
+        let (off, covariance) = self.matched(sweep, then_from_now, [TILTED, RISEN_M], expected, config)?;
+        let covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
+        let is_sure = covariance.symmetric_eigenvalues().max() < config.sigma_max_m.powi(2);
+        is_sure.then(|| Shift { metres: off.xy(), covariance })
+    }
+
+    /// The same for the turn, which surroundings may tell that do not tell the way.
+    pub fn turn(&self, sweep: &SweepSample, then_from_now: &Pose, config: &LaserModel) -> Option<Turn> {
+        let expected = Expected { metres: WAY_SIGMA_M, radians: WIDE_TURN_SIGMA };
+        let (off, covariance) = self.matched(sweep, then_from_now, [WALLS_TILTED, WALLS_RISEN_M], expected, config)?;
+        let variance = covariance[(2, 2)];
+        (variance < (0.2 * WIDE_TURN_SIGMA).powi(2)).then_some(Turn { radians: off.z, variance })
+    }
+
+    /// What the matching adds to `then_from_now` (two of translation, one of rotation about the laser), and its covariance.
+    fn matched(
+        &self,
+        sweep: &SweepSample,
+        then_from_now: &Pose,
+        [tilted, risen_m]: [f64; 2],
+        expected: Expected,
+        config: &LaserModel,
+    ) -> Option<(Vector3<f64>, Matrix3<f64>)> {
         let up = then_from_now.rotation * Vector3::z();
-        if up.xy().norm() > TILTED || then_from_now.translation.vector.z.abs() > RISEN_M {
+        if up.xy().norm() > tilted || then_from_now.translation.vector.z.abs() > risen_m {
             return None;
         }
         let laser_then_from_now = self.robot_from_laser.inverse() * then_from_now * sweep.robot_from_laser();
@@ -86,17 +132,25 @@ impl ReferenceSweep {
         let mut fit = Fit::default();
         for step in 0..STEPS {
             let limit = if step + 1 < STEPS { FAR_M } else { NEAR_M };
-            fit = self.fit(&placed, &centre, &off, limit);
+            fit = self.fit(&placed, &centre, &off, limit, expected);
             off += fit.solve()?;
         }
-        self.judge(&fit, &off, config)
+        fit.judge(config).map(|covariance| (off, covariance))
     }
 
     /// Normal equations over the points, moved by `off` (two of translation, one of rotation about `centre`).
-    fn fit(&self, placed: &[Vector2<f64>], centre: &Vector2<f64>, off: &Vector3<f64>, limit: f64) -> Fit {
+    fn fit(
+        &self,
+        placed: &[Vector2<f64>],
+        centre: &Vector2<f64>,
+        off: &Vector3<f64>,
+        limit: f64,
+        expected: Expected,
+    ) -> Fit {
         let mut fit = Fit::default();
-        fit.normal[(2, 2)] = TURN_SIGMA.powi(-2);
-        fit.right.z = -off.z * TURN_SIGMA.powi(-2);
+        let sigmas = Vector3::new(expected.metres, expected.metres, expected.radians);
+        fit.normal = Matrix3::from_diagonal(&sigmas.map(|sigma| sigma.powi(-2)));
+        fit.right = -fit.normal * off;
         for at in placed {
             let arm = at - centre;
             let at = at + off.xy() + off.z * Vector2::new(-arm.y, arm.x);
@@ -121,18 +175,6 @@ impl ReferenceSweep {
         let beam = beam.round();
         (beam >= 0.0).then(|| self.marks.get(beam as usize).copied().flatten())?
     }
-
-    fn judge(&self, fit: &Fit, off: &Vector3<f64>, config: &LaserModel) -> Option<Shift> {
-        let share = fit.inliers as f64 / fit.candidates.max(1) as f64;
-        if fit.inliers < config.least_beams as usize || share < config.least_share {
-            return None;
-        }
-        let rms = (fit.squares / fit.inliers as f64).sqrt();
-        let covariance = fit.normal.try_inverse()?.fixed_view::<2, 2>(0, 0).into_owned();
-        let covariance = covariance * (rms / RANGE_SIGMA).max(1.0).powi(2);
-        let is_sure = covariance.symmetric_eigenvalues().max() < config.sigma_max_m.powi(2);
-        (rms < config.rms_max_m && is_sure).then(|| Shift { metres: off.xy(), covariance })
-    }
 }
 
 /// Standard deviation of a range that the fit is weighed with [m]; what the residuals show beyond it widens the covariance.
@@ -150,6 +192,17 @@ struct Fit {
 impl Fit {
     fn solve(&self) -> Option<Vector3<f64>> {
         (self.inliers >= 3).then(|| self.normal.cholesky().map(|c| c.solve(&self.right)))?
+    }
+
+    /// The covariance of what was found, where enough of the points fit and well enough.
+    fn judge(&self, config: &LaserModel) -> Option<Matrix3<f64>> {
+        let share = self.inliers as f64 / self.candidates.max(1) as f64;
+        if self.inliers < config.least_beams as usize || share < config.least_share {
+            return None;
+        }
+        let rms = (self.squares / self.inliers as f64).sqrt();
+        let covariance = self.normal.try_inverse()? * (rms / RANGE_SIGMA).max(1.0).powi(2);
+        (rms < config.rms_max_m).then_some(covariance)
     }
 }
 
@@ -265,6 +318,25 @@ mod tests {
         let reference = ReferenceSweep::new(&corridor(1));
         let moved = Pose::translation(0.2, 0.0, 0.0);
         assert_eq!(reference.shift(&corridor(2), &moved, &LaserModel::default()), None);
+        // But well how far it has turned.
+        let turn = reference.turn(&corridor(2), &moved, &LaserModel::default()).unwrap();
+        assert!(turn.radians.powi(2) < 9.0 * turn.variance && turn.variance.sqrt() < 0.002, "{turn:?}");
+    }
+
+    #[test]
+    fn the_turn_between_two_sweeps_is_found_to_a_tenth_of_a_degree_whatever_the_gyroscopes_say() {
+        let reference = ReferenceSweep::new(&sweep(0.0, 0.0, 0.0, 1));
+        for (k, (x, y, yaw)) in [(1.4, 0.1, 0.05), (0.0, 0.0, 0.0), (0.05, -0.04, 0.5)].into_iter().enumerate() {
+            let truth = robot(0.0, 0.0, 0.0).inverse() * robot(x, y, yaw);
+            for claimed in [-0.03, 0.0, 0.03] {
+                let predicted = truth * Pose::rotation(Vector3::z() * claimed);
+                let found =
+                    reference.turn(&sweep(x, y, yaw, k as u64 + 2), &predicted, &LaserModel::default()).unwrap();
+                let off = found.radians + claimed;
+                assert!(off.abs() < 1.7e-3, "{off} after {x} {y} {yaw}");
+                assert!(off.powi(2) < 12.0 * found.variance, "{off} {found:?}");
+            }
+        }
     }
 
     #[test]

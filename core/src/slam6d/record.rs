@@ -24,7 +24,7 @@ pub enum HypothesisName {
     Held,
     /// Where an attempt ended that wanted to be farther from its start than allowed.
     Farther,
-    /// The scanner stands where it was.
+    /// The scanner stands where it was; turned as the prior has it, where there is one.
     ZeroMotion,
     /// Found by the search of the odometry around the last pose; the start given is the predicted one.
     Search,

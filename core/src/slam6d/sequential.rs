@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Translation3};
 
 use super::attempt::Attempt;
 use super::farther::Farthest;
@@ -261,8 +261,9 @@ impl SequentialAligner {
     fn starts(&self, target: &TargetState) -> Vec<(HypothesisName, Pose, f64)> {
         let (near, wide) = (self.config.limits.pair_distance_m, self.config.wide_pair_distance_m);
         let constant = target.map_from_scanner.inverse() * self.constant_motion();
-        let mut starts = Vec::with_capacity(4);
-        if let Some(motion) = self.guess_by_prior().map(|guess| target.map_from_scanner.inverse() * guess) {
+        let mut starts = Vec::with_capacity(5);
+        let by_prior = self.guess_by_prior().map(|guess| target.map_from_scanner.inverse() * guess);
+        if let Some(motion) = by_prior {
             starts.push((HypothesisName::PriorMotion, motion, near));
             starts.push((HypothesisName::PriorMotionWide, motion, wide));
         }
@@ -270,6 +271,14 @@ impl SequentialAligner {
             // Who knows how sure he is of where the scan was taken is not overruled by a habit: among things that look alike
             // that finds a place where the robot cannot be.
             return starts;
+        }
+        if let Some(motion) = by_prior {
+            // Wheels that turn on the spot carry a prior away; how far the robot has turned it knows by other means.
+            starts.push((
+                HypothesisName::ZeroMotion,
+                Pose::from_parts(Translation3::identity(), motion.rotation),
+                near,
+            ));
         }
         starts.push((HypothesisName::ConstantMotion, constant, near));
         starts.push((HypothesisName::ConstantMotionWide, constant, wide));

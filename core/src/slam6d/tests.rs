@@ -147,6 +147,19 @@ fn a_bad_prior_is_overruled_by_constant_motion() {
 }
 
 #[test]
+fn a_robot_that_stood_while_its_wheels_turned_is_found_by_the_heading_that_it_knows() {
+    let start = Pose::translation(-2.0, 0.2, 0.0);
+    let turned = start * Pose::rotation(Vector3::z() * 1.2);
+    let scans = yard_scans(&[start, turned]);
+    let mut aligner = aligner();
+    aligner.align_next(0, ScanView::unordered(&scans[0]), Some(start));
+    let believed = start * Pose::new(Vector3::new(7.0, -5.0, 0.4), Vector3::z() * 1.2);
+    let record = aligner.align_next(1, ScanView::unordered(&scans[1]), Some(believed));
+    assert!(record.is_accepted() && error(&record, &turned) < 0.03, "{record:?}");
+    assert_eq!(record.hypotheses.last().map(|last| last.name), Some(HypothesisName::ZeroMotion));
+}
+
+#[test]
 fn along_a_corridor_the_prior_is_kept_and_without_one_the_scan_is_flagged() {
     let truth = Pose::new(Vector3::new(0.6, 0.05, 0.0), Vector3::z() * 0.02);
     let first = scan_of(&CORRIDOR, &Pose::identity(), 40.0, 1);

@@ -3,7 +3,7 @@
 use super::config::PlanningConfig;
 use super::plan::ViewPlan;
 use super::random::Random;
-use super::test_worlds::{at, map_of, plan_with};
+use super::test_worlds::{at, ground_of, map_of, plan_with};
 use crate::information_map::{CellIndex, CellState, InformationMap, Obstruction, cells_touched_by_segment};
 
 /// Forty by forty cells of ground with a wall over `columns` of the row at y = 6 m.
@@ -150,4 +150,22 @@ fn a_robot_beside_ground_that_was_never_measured_goes_back_before_it_turns() {
     assert!(went_back(second_waypoint(&map, [9.0, 5.0], 1.5)), "{:?}", second_waypoint(&map, [9.0, 5.0], 1.5));
     assert!(!went_back(second_waypoint(&map, [9.0, 5.0], 0.0)));
     assert!(!went_back(second_waypoint(&map, [9.0, 3.0], 1.5)), "where it can turn it turns");
+}
+
+#[test]
+fn a_robot_on_a_slope_above_a_drop_goes_back_before_it_turns() {
+    // Ground that falls along y, and by a metre more at y = 6 m.
+    let went_back = |slope_deg: f32, drop_m: f32| {
+        let slope = slope_deg.to_radians().tan();
+        let mut map = ground_of(60, 40, |_, y| -slope * y - if y > 6.0 { drop_m } else { 0.0 });
+        map.drove(&[[9.0, 1.0], [9.0, 4.9]]);
+        let plan = plan_with(&mut Random::default(), &map, &at(9.0, 4.9), &PlanningConfig::default());
+        assert!(plan.path.len() > 1, "{:?}", plan.decision);
+        let [x, y, _] = plan.path[1];
+        (x - 9.0).abs() < 0.3 && (2.4..4.3).contains(&y)
+    };
+    assert!(went_back(12.0, 1.0));
+    assert!(!went_back(4.0, 1.0), "on a gentle slope its wheels hold");
+    assert!(!went_back(12.0, 0.0), "there is no drop");
+    assert!(!went_back(-12.0, 1.0), "the drop is up the slope");
 }

@@ -164,7 +164,8 @@ pub struct PlanningConfig {
     pub hidden_clearance_m: f64,
     /// Where ground without a measurement lies nearer than this the robot does not turn on the spot, but first goes back the way it
     /// came [m], 0 to 10: wheels that turn on a slope slide down it, towards whatever that may be. Such ground is as wide as
-    /// `hidden_width_m` and beside ground. 0 lets it turn anywhere.
+    /// `hidden_width_m` and beside ground. The same on a slope of more than 8 degrees for an edge that was seen down the slope. 0 lets
+    /// it turn anywhere.
     pub turn_clearance_m: f64,
     /// Narrower gaps in what was seen are gaps between the scanner's rings, and do not count [m], 0 to 10.
     pub hidden_width_m: f64,

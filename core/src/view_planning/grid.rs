@@ -46,7 +46,7 @@ pub(super) struct PlanningGrid {
     /// Cells that can be driven on at a step: the ground of a neighbour, or their own, lies lower than the robot masters.
     pub steps: BitPlane,
     /// Cells with steep ground.
-    steep: BitPlane,
+    pub steep: BitPlane,
     /// Cells in which something held the robot.
     pub held: BitPlane,
     /// Cells that the robot has driven over, and that neither hold it nor block its view now.

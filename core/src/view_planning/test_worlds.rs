@@ -32,8 +32,19 @@ pub fn map_of(rows: &[String], quality: f32) -> InformationMap {
             }
         }
     }
+    with_points(&points, &scores)
+}
+
+/// Ground of so many cells that stands as high at a place [m] as `height` says.
+pub fn ground_of(width: usize, depth: usize, height: impl Fn(f32, f32) -> f32) -> InformationMap {
+    let middles = (0..width * depth).map(|k| [k % width, k / width].map(|cell| 0.3 * (cell as f32 + 0.5)));
+    let points: Vec<Point> = middles.flat_map(|[x, y]| [Point::new(x, y, height(x, y)); 8]).collect();
+    with_points(&points, &vec![ground(0.3); points.len()])
+}
+
+fn with_points(points: &[Point], scores: &[PointScore]) -> InformationMap {
     let mut map = InformationMap::new(MapConfig::default()).unwrap();
-    map.insert(ScanView::unordered(&points), &scores, &Pose::identity()).unwrap();
+    map.insert(ScanView::unordered(points), scores, &Pose::identity()).unwrap();
     map
 }
 

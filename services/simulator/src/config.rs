@@ -9,6 +9,8 @@ use mirador_core::simulation::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::sensor_fault::SensorFault;
+
 /// The table `simulator`.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
@@ -27,6 +29,9 @@ pub struct SimulatorConfig {
     pub physics: PhysicsConfig,
     /// Sensors other than lasers and cameras, which the world file describes.
     pub sensors: SensorsConfig,
+    /// Sensors that fall silent or babble for a while.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub faults: Vec<SensorFault>,
     /// Services that must be there before time begins (set by the supervisor).
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub lockstep_with: Vec<String>,
@@ -42,6 +47,7 @@ impl Default for SimulatorConfig {
             speed: 0.0,
             physics: PhysicsConfig::default(),
             sensors: SensorsConfig::default(),
+            faults: Vec::new(),
             lockstep_with: Vec::new(),
         }
     }
@@ -127,9 +133,11 @@ impl SimulatorConfig {
             ("sensors.rangers.period", sensors.rangers.period, sensors.rangers.period > 0.0, period),
             ("sensors.battery.period", sensors.battery.period, sensors.battery.period > 0.0, period),
         ];
-        match checks.into_iter().find(|(.., right, _)| !right) {
+        let wrong =
+            checks.into_iter().find(|(.., right, _)| !right).map(|(field, value, _, allowed)| (field, value, allowed));
+        match wrong.or_else(|| self.faults.iter().find_map(SensorFault::wrong_field)) {
             None => Ok(()),
-            Some((field, value, _, allowed)) => Err(ConfigError::OutOfRange { field, value, allowed }),
+            Some((field, value, allowed)) => Err(ConfigError::OutOfRange { field, value, allowed }),
         }
     }
 
@@ -228,6 +236,12 @@ mod tests {
             ("control_period_s = nan", "simulator.control_period_s = NaN"),
             ("speed = -1.0", "simulator.speed = -1"),
             ("sensors.imu.period = 0.0", "simulator.sensors.imu.period = 0"),
+            ("faults = [{ topic = \"imu\", from_s = 3.0, to_s = 2.0 }]", "simulator.faults.to_s = 2"),
+            ("faults = [{ topic = \"imu\", from_s = -1.0, to_s = 2.0 }]", "simulator.faults.from_s = -1"),
+            (
+                "faults = [{ topic = \"imu\", from_s = 1.0, to_s = 2.0, repeats = 2000 }]",
+                "simulator.faults.repeats = 2000",
+            ),
             ("robot = 3", "simulator.robot = 3: world 'simple' has 1"),
             ("world = \"nowhere\"", "simulator.world = 'nowhere'"),
             ("world = \"nowhere.toml\"", "simulator.world = 'nowhere.toml'"),
@@ -239,5 +253,8 @@ mod tests {
         }
         let unknown = toml::from_str::<SimulatorConfig>("wrold = \"simple\"").unwrap_err().to_string();
         assert!(unknown.contains("wrold"), "{unknown}");
+        let nobody = "faults = [{ topic = \"nose\", from_s = 1.0, to_s = 2.0 }]";
+        let nobody = toml::from_str::<SimulatorConfig>(nobody).unwrap_err().to_string();
+        assert!(nobody.contains("unknown variant `nose`") && nobody.contains("planar_scan"), "{nobody}");
     }
 }

@@ -5,8 +5,10 @@
 
 mod config;
 mod outputs;
+mod sensor_fault;
 mod service;
 mod wheels;
 
 pub use config::{ConfigError, DrivenRobot, SimulatorConfig};
+pub use sensor_fault::{SensorFault, SensorTopic};
 pub use service::run;

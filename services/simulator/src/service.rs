@@ -132,11 +132,14 @@ impl<'a> Service<'a> {
     fn say(&mut self) -> Result<(), ServiceError> {
         let robot = self.config.robot;
         let scan = self.turn.map_or(self.scans.saturating_sub(1), |turn| turn.scan);
-        if let Some(readings) = self.readings.last() {
-            self.outputs.say(readings, scan)?;
+        let time = self.time();
+        if let Some(readings) = self.readings.last_mut() {
+            // The drives know of the battery themselves.
             if let Some(battery) = readings.battery.last() {
                 self.conditions.battery_low = battery.is_low;
             }
+            self.config.faults.iter().for_each(|fault| fault.spoil(time, readings));
+            self.outputs.say(readings, scan)?;
         }
         self.conditions.tipped = self.simulator.has_tipped(robot);
         if let Some(turn) = self.turn.filter(|_| !self.simulator.is_scanning(robot)) {

@@ -14,7 +14,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use mirador_core::geometry::{Pose, rotation_angle};
-use mirador_core::registration::{Limits, Registration, RegistrationConfig, Registry};
+use mirador_core::registration::{Limits, PairIds, Registration, RegistrationConfig, Registry};
 use serde::Serialize;
 
 pub use page::page;
@@ -193,6 +193,7 @@ fn attempt(
     limits: &Limits,
     options: &AllPairsOptions,
 ) -> Attempt {
+    method.name_pair(PairIds { target: Some(pair.target as u64), source: Some(pair.source as u64) });
     let begin = Instant::now();
     let aligned = match (method.prepare(data.view(pair.target)), method.prepare(data.view(pair.source))) {
         (Ok(target), Ok(source)) => method.align(&*target, &*source, &pair.start, limits).ok(),

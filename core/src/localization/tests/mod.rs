@@ -139,3 +139,23 @@ fn a_robot_that_turns_on_a_slope_knows_that_it_slides_downhill() {
     let (_, unaware) = turned(0.0);
     assert!(metres < 0.6 * unaware, "{metres} m, {unaware} m without");
 }
+
+#[test]
+fn a_robot_between_walls_keeps_its_heading_better_by_its_laser_than_by_gyroscopes_alone() {
+    let mean_deg = |is_used: bool| {
+        let errors = (1..=2).flat_map(|seed| {
+            let mut ride =
+                Ride::new(Scene::builtin("structured").unwrap(), seed, |config| config.laser.is_used = is_used);
+            ride.scan(3.0);
+            let places = Scene::builtin("structured").unwrap().poses;
+            let off = |place: &crate::simulation::ScanPose| {
+                ride.drive_to(place.x, place.y);
+                ride.off()[5].abs().to_degrees()
+            };
+            places.iter().skip(1).take(4).map(off).collect::<Vec<f64>>()
+        });
+        errors.sum::<f64>() / 8.0
+    };
+    let (with, without) = (mean_deg(true), mean_deg(false));
+    assert!(with < 0.25 && with < 0.5 * without, "{with} deg, {without} deg without");
+}

@@ -1,6 +1,6 @@
 //! The inertial unit.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::config::ImuConfig;
 use super::noise::Noise;
@@ -27,7 +27,15 @@ pub struct Imu {
     noise: Noise,
     acceleration_bias: Vector3<f64>,
     angular_bias: Vector3<f64>,
-    last: Option<(f64, Vector3<f64>)>,
+    last: Option<Before>,
+}
+
+/// The robot at the reading before.
+#[derive(Debug, Clone, Copy)]
+struct Before {
+    time: f64,
+    velocity: Vector3<f64>,
+    rotation: UnitQuaternion<f64>,
 }
 
 impl Imu {
@@ -39,14 +47,16 @@ impl Imu {
         Self { config, noise, acceleration_bias, angular_bias, last: None }
     }
 
-    /// The next reading: the mean acceleration since the one before.
+    /// The next reading: the means since the one before, as parts that integrate give them. Between two readings a skidding robot
+    /// trembles; what it turns and how its speed changes all the same is in what they say.
     pub fn read(&mut self, time: f64, motion: &Motion) -> ImuReading {
         let (config, noise) = (&self.config, &mut self.noise);
-        let acceleration = match self.last {
-            Some((before, velocity)) if time > before => (motion.linear - velocity) / (time - before),
-            _ => Vector3::zeros(),
-        };
-        self.last = Some((time, motion.linear));
+        let rotation = motion.pose.rotation;
+        let before = self.last.filter(|before| time > before.time);
+        let mean = |change: Vector3<f64>, before: &Before| change / (time - before.time);
+        let acceleration = before.map_or_else(Vector3::zeros, |b| mean(motion.linear - b.velocity, &b));
+        let angular = before.map_or(motion.angular, |b| mean((b.rotation.inverse() * rotation).scaled_axis(), &b));
+        self.last = Some(Before { time, velocity: motion.linear, rotation });
         let correlation = config.bias_correlation;
         for bias in self.acceleration_bias.iter_mut() {
             *bias = noise.drift(*bias, config.acceleration_bias, correlation, config.period);
@@ -58,7 +68,7 @@ impl Imu {
         ImuReading {
             time,
             acceleration: felt + self.acceleration_bias + noise.normal3(config.acceleration_sigma),
-            angular_velocity: motion.angular + self.angular_bias + noise.normal3(config.angular_sigma),
+            angular_velocity: angular + self.angular_bias + noise.normal3(config.angular_sigma),
         }
     }
 }

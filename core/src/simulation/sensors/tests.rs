@@ -36,18 +36,24 @@ fn odometry_follows_an_arc_and_counts_what_the_wheels_roll() {
 #[test]
 fn the_inertial_unit_feels_gravity_turning_and_its_own_bias() {
     let config = ImuConfig::default();
-    let motion = Motion { angular: Vector3::new(0.0, 0.0, 0.3), ..at(0.0, 0.0, 0.0) };
     let lean = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -0.2);
-    let motion = Motion { pose: Pose::from_parts(Translation3::identity(), lean), ..motion };
+    let angular = lean.inverse() * Vector3::new(0.0, 0.0, 0.3);
+    let motion = |time: f64| {
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.3 * time) * lean;
+        // What the robot does at the moment of a reading is not what it has done since the last.
+        let trembling = Vector3::new(0.0, 0.0, 2.0);
+        Motion { pose: Pose::from_parts(Translation3::identity(), rotation), angular: trembling, ..at(0.0, 0.0, 0.0) }
+    };
     let mut imu = Imu::new(config, Noise::new(4, 1));
-    let readings: Vec<_> = (0..2000).map(|k| imu.read(0.01 * f64::from(k), &motion)).collect();
+    let times = (0..=2000).map(|k| 0.01 * f64::from(k));
+    let readings: Vec<_> = times.map(|time| imu.read(time, &motion(time))).skip(1).collect();
     let n = readings.len() as f64;
     let felt = readings.iter().map(|r| r.acceleration).sum::<Vector3<f64>>() / n;
     // Nose up: gravity's counter-force points forwards.
     let expected = Vector3::new(9.81 * 0.2_f64.sin(), 0.0, 9.81 * 0.2_f64.cos());
     assert!((felt - expected).norm() < 5.0 * config.acceleration_bias, "{felt}");
     let turning = readings.iter().map(|r| r.angular_velocity).sum::<Vector3<f64>>() / n;
-    assert!((turning - motion.angular).norm() < 0.004, "{turning}");
+    assert!((turning - angular).norm() < 0.004, "{turning}");
     let spread = readings.iter().map(|r| (r.angular_velocity.z - turning.z).powi(2)).sum::<f64>() / n;
     assert!((spread.sqrt() - config.angular_sigma).abs() < 0.0005, "{}", spread.sqrt());
 }

@@ -3,7 +3,7 @@
 
 use mirador_core::geometry::Pose;
 use mirador_core::registration::{
-    AlignError, Alignment, Limits, PrepareError, PreparedScan, Registration, RegistrationConfig, Registry,
+    AlignError, Alignment, Limits, PairIds, PrepareError, PreparedScan, Registration, RegistrationConfig, Registry,
 };
 use mirador_core::scan::ScanView;
 use mirador_ipc_schema::{Participant, text};
@@ -66,5 +66,9 @@ impl Registration for ForeignRegistration {
         self.external.link.forgive();
         let reason = text::unpack(&self.tally.status().last_fault).to_owned();
         Err(AlignError::Method { method: NAME.into(), reason })
+    }
+
+    fn name_pair(&mut self, pair: PairIds) {
+        self.external.name_pair(pair);
     }
 }
