@@ -23,6 +23,8 @@ const CAREFUL_SPEED: f64 = 0.2;
 const STOPPED_M: f64 = 0.05;
 /// Leaning so much more than when the ground began to look as if it fell away is proof that it does [deg].
 const EDGE_TILT_DEG: f64 = 4.0;
+/// A path may begin so far beside the robot, where it stands on what cannot be driven on; then it may be so much farther off it [m].
+const MOST_OFF_AT_START_M: f64 = 1.5;
 /// How long a lost localisation is waited for [s].
 const LOST_S: f64 = 3.0;
 
@@ -39,6 +41,8 @@ pub struct Driver {
     speed: f64,
     at: Option<Vector2<f64>>,
     driven: f64,
+    /// How far off its path the robot stood at its beginning [m].
+    began_off: Option<f64>,
     progress: Progress,
     pub(super) trail: Trail,
     pub(super) retreat: Retreat,
@@ -67,6 +71,7 @@ impl Driver {
             speed: 0.0,
             at: None,
             driven: 0.0,
+            began_off: None,
             progress: Progress::default(),
             trail: Trail::default(),
             retreat: Retreat::default(),
@@ -207,7 +212,8 @@ impl Driver {
         // It backs up the way it came, which may lie beside the path or before its beginning.
         let has_backed = self.retreat.attempts > 0 || self.retreat.began_path;
         let backed_m = if has_backed { config.recovery.back_up_m } else { 0.0 };
-        (off_m > config.follow.off_path_m + backed_m && !is_backing).then_some(GiveUp::OffPath { off_m })
+        let began_m = self.began_off.map_or(0.0, |off_m| off_m.min(MOST_OFF_AT_START_M));
+        (off_m > config.follow.off_path_m + backed_m + began_m && !is_backing).then_some(GiveUp::OffPath { off_m })
     }
 
     /// Whether sensors or localisation must be waited for; gives up when it takes too long.
@@ -236,6 +242,7 @@ impl Driver {
     fn follow(&mut self, now: &RobotNow, step: f64, around: &Surroundings, config: &NavigationConfig) -> [f64; 2] {
         let at = place(&now.map_from_robot);
         let aim = self.pursuit.aim(&self.path, &now.map_from_robot, now.linear.abs(), &config.follow);
+        self.began_off.get_or_insert(self.pursuit.off);
         if aim.arrived {
             self.enter(now, DriveState::Arrived);
             return [0.0; 2];
