@@ -5,12 +5,12 @@
 //! S. Roumeliotis and J. Burdick, "Stochastic cloning: a generalized framework for processing relative state measurements",
 //! ICRA 2002), so that a turn between the two is a measurement like any other.
 
+use nalgebra::{UnitQuaternion, Vector3};
+
 use super::config::LaserModel;
 use super::laser_track::tilt;
 use super::readings::SweepSample;
 use super::sweep_matching::{ReferenceSweep, Turn};
-use nalgebra::{UnitQuaternion, Vector3};
-
 use crate::geometry::{Pose, rotation_angle};
 
 /// A piece ends when the robot has gone so far [m], or turned so far [rad], or after so long [s].

@@ -159,3 +159,18 @@ fn a_robot_between_walls_keeps_its_heading_better_by_its_laser_than_by_gyroscope
     let (with, without) = (mean_deg(true), mean_deg(false));
     assert!(with < 0.25 && with < 0.5 * without, "{with} deg, {without} deg without");
 }
+
+#[test]
+fn a_robot_that_turns_on_the_spot_knows_by_its_gyroscopes_how_far() {
+    let turn = |seed: u64, side: f64| {
+        let mut ride = Ride::new(Scene::builtin("structured").unwrap(), seed, |config| config.laser.is_used = false);
+        ride.scan(5.0);
+        let before = ride.off()[5];
+        ride.go(-0.36 * side, 0.36 * side, 4.0);
+        ride.go(0.0, 0.0, 1.0);
+        (ride.off()[5] - before).abs().to_degrees()
+    };
+    let errors = [turn(1, 1.0), turn(1, -1.0), turn(2, 1.0), turn(2, -1.0)];
+    // The noise of the gyroscopes makes 0.06 deg of it.
+    assert!(errors.iter().sum::<f64>() / 4.0 < 0.2, "{errors:?} deg");
+}
