@@ -16,6 +16,10 @@ const LEVEL_DEG: f64 = 10.0;
 const EDGE_BACK_M: [f64; 2] = [1.0, 2.5];
 /// So near to where its path goes on it goes on [m].
 const NEARLY_BACK_M: f64 = 0.4;
+/// A robot that leans by so much more than when it began to back up, and by so much in all, is held or lifted from behind: by a
+/// bank it backs up, a branch that its mast had slipped under [deg].
+const LIFTED_MORE_DEG: f64 = 8.0;
+const LIFTED_DEG: f64 = 10.0;
 /// Turning back from an edge [rad/s].
 const TURN_BACK_SPEED: f64 = 0.4;
 
@@ -26,6 +30,8 @@ pub(super) struct Retreat {
     /// How far it is to back up, and still has to [m].
     whole_m: f64,
     left_m: f64,
+    /// How far it leant when it began to [deg].
+    began_deg: f64,
     /// It gets away from an edge; after that the target is given up.
     pub leaves_edge: bool,
     /// It gets away forwards: its tail hangs over an edge.
@@ -47,6 +53,7 @@ impl Driver {
         }
         (self.retreat.whole_m, self.retreat.left_m, self.retreat.begins_path) = (metres, metres, true);
         self.retreat.began_path = true;
+        self.retreat.began_deg = tilt(&now.map_from_robot).to_degrees();
         self.enter(now, DriveState::Recovering);
     }
 
@@ -66,6 +73,7 @@ impl Driver {
             self.retreat.leaves_edge && !self.retreat.goes_ahead && self.trail.leads_back(&now.map_from_robot);
         self.retreat.whole_m = if follows_trail { EDGE_BACK_M[1] } else { config.recovery.back_up_m };
         self.retreat.left_m = self.retreat.whole_m;
+        self.retreat.began_deg = tilt(&now.map_from_robot).to_degrees();
         self.enter(now, DriveState::Recovering);
         [0.0; 2]
     }
@@ -86,11 +94,15 @@ impl Driver {
         self.retreat.left_m -= step * now.linear.abs();
         let waited = self.since_ns.map_or(0.0, |since| seconds(since, now.stamp_ns));
         let is_late = waited > 3.0 * self.retreat.whole_m / recovery.back_up_speed + 1.0;
-        let is_level = self.retreat.leaves_edge
-            && self.retreat.whole_m - self.retreat.left_m > EDGE_BACK_M[0]
-            && tilt(&now.map_from_robot).to_degrees() < LEVEL_DEG;
+        let tilt_deg = tilt(&now.map_from_robot).to_degrees();
+        let is_level = self.retreat.leaves_edge && self.backed_m() > EDGE_BACK_M[0] && tilt_deg < LEVEL_DEG;
+        let is_lifted = tilt_deg > LIFTED_DEG && tilt_deg > self.retreat.began_deg + LIFTED_MORE_DEG;
+        if is_lifted && !self.retreat.goes_ahead && !self.retreat.leaves_edge {
+            self.undo_backing(now, config);
+            return [0.0; 2];
+        }
         let is_blocked = self.escape_gap(now, around, config) < config.obstacles.stop_gap_m;
-        if self.retreat.left_m <= 0.0 || is_level || is_late || is_blocked {
+        if self.retreat.left_m <= 0.0 || is_level || is_late || is_blocked || is_lifted {
             self.end_of_the_way_back(now, config);
             return [0.0; 2];
         }
@@ -99,6 +111,21 @@ impl Driver {
         }
         let linear = -recovery.back_up_speed;
         [linear, linear * self.trail.back(&now.map_from_robot)]
+    }
+
+    /// How far it has backed up.
+    fn backed_m(&self) -> f64 {
+        self.retreat.whole_m - self.retreat.left_m
+    }
+
+    /// Goes forwards again to where it began to back up, and backs up no more on this path.
+    fn undo_backing(&mut self, now: &RobotNow, config: &NavigationConfig) {
+        let backed_m = self.backed_m();
+        (self.retreat.whole_m, self.retreat.left_m) = (backed_m, backed_m);
+        self.retreat.attempts = self.retreat.attempts.max(config.recovery.attempts);
+        (self.retreat.goes_ahead, self.retreat.begins_path) = (true, false);
+        self.retreat.began_deg = tilt(&now.map_from_robot).to_degrees();
+        self.enter(now, DriveState::Recovering);
     }
 
     fn end_of_the_way_back(&mut self, now: &RobotNow, config: &NavigationConfig) {

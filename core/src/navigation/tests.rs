@@ -224,6 +224,38 @@ fn a_robot_that_does_not_get_on_backs_up_once_and_gives_the_target_up() {
     assert!((outcome.at[0] - 2.0).abs() < 0.2, "{outcome:?}");
 }
 
+#[test]
+fn a_robot_that_is_lifted_while_it_backs_up_goes_forwards_again_and_gives_the_target_up() {
+    // Before it a wall, behind it a bank that came there after it: it leans more the farther it backs up.
+    let config = NavigationConfig::default();
+    let (mut driver, mut now) = standing_driver();
+    let mut around = Surroundings::default();
+    let (mut x, mut most_deg) = (0.0_f64, 0.0_f64);
+    for _ in 0..1200 {
+        now.stamp_ns += 50_000_000;
+        around.laser(&LaserView {
+            stamp_ns: now.stamp_ns,
+            first_angle: -0.02,
+            angle_step: 0.005,
+            mount_xyz: [0.5, 0.0, 0.42],
+            mount_yaw: 0.0,
+            ranges: &[(1.0 - x) as f32; 9],
+        });
+        let drive = driver.step(&now, &around, None, &config);
+        x += 0.05 * drive.linear;
+        now.linear = drive.linear;
+        let pitch_deg = if driver.retreat.attempts > 0 { (60.0 * (0.7 - x)).clamp(0.0, 45.0) } else { 0.0 };
+        most_deg = most_deg.max(pitch_deg);
+        let leaning = nalgebra::Vector3::new(0.0, pitch_deg.to_radians(), 0.0);
+        now.map_from_robot = Pose::new(nalgebra::Vector3::new(x, 0.0, 0.0), leaning);
+        if matches!(driver.state(), DriveState::GaveUp(_)) {
+            break;
+        }
+    }
+    assert!(matches!(driver.state(), DriveState::GaveUp(GiveUp::Blocked { .. })), "{:?}", driver.state());
+    assert!(most_deg > 10.0 && most_deg < 15.0 && x > 0.6, "{most_deg} {x}");
+}
+
 /// A driver on a straight path of 5 m, for what needs no world.
 fn standing_driver() -> (Driver, RobotNow) {
     let driver = Driver::new(Path::new(&[[0.0; 3], [5.0, 0.0, 0.0]]).unwrap());
