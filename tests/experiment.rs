@@ -101,6 +101,15 @@ fn other_settings_and_other_folders_are_refused_with_the_reason() {
     assert!(refused(&["experiment", "--out", "mine"]).contains("not an experiment"));
     assert!(refused(&["experiment", "--worlds", "moon"]).contains("unstructured"));
     assert!(refused(&["experiment", "--experiments", "pears"]).contains("structured_ii"));
+    let with = |set: &str| refused(&["experiment", "--out", "e", "--set", set]);
+    assert!(with("alignment.mode=continuous").contains("keys of planning.view only"));
+    assert!(with("planning.view.strategy=random").contains("--experiments"));
+    assert!(with("planning.view.tour.least_gian=0.2").contains("least_gian"));
+    assert!(
+        refused(&[&SMALL[..], &["--set", "planning.view.tour.least_gain=0.2"]].concat())
+            .contains("least_gain was 0.17")
+    );
+    assert_eq!(runs(&stage), before);
 }
 
 #[test]

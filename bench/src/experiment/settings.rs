@@ -1,12 +1,14 @@
 //! What decides the figures of an experiment.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use mirador_core::simulation::ScannerConfig;
 use mirador_core::view_planning::{PlanningConfig, StrategyRegistry};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::{Entry, ExperimentError, entries};
-use crate::exploration::{Exploration, World, coarser, planning_config};
+use crate::exploration::{Exploration, World, coarser, for_scanner};
 
 /// What decides the figures of an experiment: runs of other settings are not mixed with these.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -28,6 +30,10 @@ pub struct Settings {
     pub max_scans: usize,
     /// d_max of the source's stop rule [m].
     pub farthest_m: f64,
+    /// The planner's other settings. Strategy and weights are those of the experiment, the scanner is that of the robot, and the
+    /// work area that of the world.
+    #[serde(default)]
+    pub planning: PlanningConfig,
 }
 
 impl Default for Settings {
@@ -41,6 +47,7 @@ impl Default for Settings {
             coarser: 1,
             max_scans: 120,
             farthest_m: PlanningConfig::default().farthest_m,
+            planning: PlanningConfig::default(),
         }
     }
 }
@@ -71,20 +78,26 @@ impl Settings {
         if !(1.0..=1e4).contains(&self.farthest_m) {
             return refuse("farthest", format!("{} is not between 1 and 10000 m", self.farthest_m));
         }
+        if let Err(error) = self.planning.validate() {
+            return refuse("set", format!("planning.view: {error}"));
+        }
         entries(&self.worlds, &self.experiments, registry).map(|_| ())
     }
 
     /// Where these differ from others, field by field, in words; `None` where they do not.
     pub(super) fn differences(&self, kept: &Self) -> Option<String> {
-        let fields = |settings: &Self| match serde_json::to_value(settings) {
-            Ok(Value::Object(fields)) => fields,
-            _ => serde_json::Map::new(),
+        let fields = |settings: &Self| {
+            let mut fields = BTreeMap::new();
+            flatten(String::new(), serde_json::to_value(settings).unwrap_or_default(), &mut fields);
+            fields
         };
         let (now, then) = (fields(self), fields(kept));
-        let differences: Vec<String> = now
-            .iter()
-            .filter(|(key, value)| then.get(*key) != Some(value))
-            .map(|(key, value)| format!("{key} was {}, now {value}", then.get(key).unwrap_or(&Value::Null)))
+        let keys: BTreeSet<&String> = now.keys().chain(then.keys()).collect();
+        let value = |fields: &BTreeMap<String, Value>, key: &String| fields.get(key).cloned().unwrap_or_default();
+        let differences: Vec<String> = keys
+            .into_iter()
+            .filter(|key| now.get(*key) != then.get(*key))
+            .map(|key| format!("{key} was {}, now {}", value(&then, key), value(&now, key)))
             .collect();
         (!differences.is_empty()).then(|| differences.join("; "))
     }
@@ -105,11 +118,23 @@ impl Settings {
         let mut planning = PlanningConfig {
             strategy: entry.strategy.clone(),
             farthest_m: self.farthest_m,
-            ..planning_config(&scanner)
+            ..for_scanner(self.planning.clone(), &scanner)
         };
         if let Some([information, quality, zones, cost]) = entry.weights {
             planning.weights = mirador_core::view_planning::Weights { information, quality, zones, cost };
         }
         Exploration { scanner, planning, seed, max_scans: self.max_scans, threads }
+    }
+}
+
+/// The values of a tree by their dotted paths.
+fn flatten(path: String, value: Value, into: &mut BTreeMap<String, Value>) {
+    let Value::Object(fields) = value else {
+        into.insert(path, value);
+        return;
+    };
+    for (key, value) in fields {
+        let path = if path.is_empty() { key } else { format!("{path}.{key}") };
+        flatten(path, value, into);
     }
 }

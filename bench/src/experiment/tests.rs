@@ -112,6 +112,24 @@ fn an_experiment_goes_on_where_it_was_and_refuses_other_settings() {
     let other = Settings { coarser: 9, ..settings() };
     let refused = run_in(folder.path(), &other).unwrap_err();
     assert!(refused.is_usage() && refused.to_string().contains("coarser was 10, now 9"), "{refused}");
+    let mut other = settings();
+    other.planning.tour.least_gain = 0.3;
+    let refused = run_in(folder.path(), &other).unwrap_err().to_string();
+    assert!(refused.contains("(planning.tour.least_gain was 0.17, now 0.3)"), "{refused}");
+}
+
+#[test]
+fn settings_of_the_planner_decide_how_a_run_goes() {
+    let driven = |spacing_m: f64| {
+        let folder = tempfile::tempdir().unwrap();
+        let mut one = Settings { experiments: vec!["coverage_tour".into()], seeds: 1, ..settings() };
+        one.planning.spacing_m = spacing_m;
+        run_in(folder.path(), &one).unwrap();
+        let run = std::fs::read_to_string(folder.path().join("runs/simple-coverage_tour-1.json")).unwrap();
+        let run: serde_json::Value = serde_json::from_str(&run).unwrap();
+        run["steps"].as_array().unwrap().last().unwrap()["metres"].as_f64().unwrap()
+    };
+    assert!(driven(8.0) > driven(1.0) + 1.0, "views farther apart are farther to drive to");
 }
 
 #[test]
@@ -137,4 +155,7 @@ fn what_is_not_known_is_answered_with_what_there_is() {
     assert!(refused(Settings { experiments: vec!["structured_i".into()], ..settings() }).contains("structured_i"));
     assert!(refused(Settings { coarser: 0, ..settings() }).contains("--coarser"));
     assert!(refused(Settings { seeds: 0, ..settings() }).contains("--seeds"));
+    let mut planning = settings().planning;
+    planning.tour.least_gain = 7.0;
+    assert!(refused(Settings { planning, ..settings() }).contains("tour.least_gain"));
 }

@@ -80,7 +80,12 @@ pub fn coarser(fine: &ScannerConfig, times: usize) -> ScannerConfig {
 /// The planner's settings for this scanner.
 #[must_use]
 pub fn planning_config(scanner: &ScannerConfig) -> PlanningConfig {
-    let mut config = PlanningConfig::default();
+    for_scanner(PlanningConfig::default(), scanner)
+}
+
+/// These settings of the planner, for this scanner.
+#[must_use]
+pub fn for_scanner(mut config: PlanningConfig, scanner: &ScannerConfig) -> PlanningConfig {
     config.scanner.range_m = scanner.range_max_m;
     config.scanner.ground_range_m = scanner.ground_range_m();
     config.scanner.height_m = scanner.height_m;

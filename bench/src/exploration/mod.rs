@@ -12,7 +12,7 @@ mod world;
 pub use drive::GivenUp;
 pub use error::ExplorationError;
 pub(crate) use mapper::Mapper;
-pub use mapper::{coarser, planning_config};
+pub use mapper::{coarser, for_scanner, planning_config};
 pub use run::{Exploration, Outcome, SCAN_S, SPEED_M_S, Step};
 pub(crate) use run::{situation, timed_plan};
 pub(crate) use weights::weights_of;

@@ -61,7 +61,7 @@ pub fn dispatch(cli: Cli, registry: Registry) -> Result<u8> {
             convert::convert(&input, &output, grid.as_deref(), common.quiet)
         }
         Some(Command::Doctor { fix }) => doctor::doctor(common, fix),
-        Some(Command::Experiment(args)) => experiment::experiment(common, &args),
+        Some(Command::Experiment(args)) => experiment::experiment(common, &args, &registry),
         Some(Command::ExecChild { parent, command }) => {
             supervise::exec_child(parent, &command)?;
             Ok(EXIT_DONE)
