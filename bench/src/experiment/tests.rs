@@ -115,7 +115,7 @@ fn an_experiment_goes_on_where_it_was_and_refuses_other_settings() {
     let mut other = settings();
     other.planning.tour.least_gain = 0.3;
     let refused = run_in(folder.path(), &other).unwrap_err().to_string();
-    assert!(refused.contains("(planning.tour.least_gain was 0.17, now 0.3)"), "{refused}");
+    assert!(refused.contains("(planning.tour.least_gain was 0.168, now 0.3)"), "{refused}");
 }
 
 #[test]

@@ -118,7 +118,7 @@ pub struct TourConfig {
 
 impl Default for TourConfig {
     fn default() -> Self {
-        Self { least_gain: 0.17, unexplored_value: 0.1, enough_quality: 1.0, scan_metres: 30.0, max_views: 64 }
+        Self { least_gain: 0.168, unexplored_value: 0.1, enough_quality: 1.0, scan_metres: 30.0, max_views: 64 }
     }
 }
 

@@ -56,7 +56,7 @@ pub struct GlobalConfig {
     pub basin_m: f64,
     /// The same for angles [rad].
     pub basin_rotation: f64,
-    /// The least share of a scan's points that must have a partner to close a loop.
+    /// The least share of a scan's points that must have a partner to close a loop; see [`Self::verify_near_loops`].
     pub min_loop_overlap: f64,
     /// Poses are corrected when one of them is off by more than this [m] ...
     pub correction_threshold_m: f64,
@@ -69,6 +69,10 @@ pub struct GlobalConfig {
     /// Whether a loop is judged by the evidence of the points, too: overlap in both directions, and points in space
     /// that the other scan saw to be free.
     pub verify_loops: bool,
+    /// Whether that also holds for loops whose prediction lies within the basin. Switched off, these count like pairs of scans that
+    /// follow one another, which need less overlap: where priors say how sure they are, hardly another pose can be found from
+    /// there, and it is scans of little overlap that tie what hangs on a weak pair alone. The graph may still switch them off.
+    pub verify_near_loops: bool,
     /// Coarse alignment, where a prediction is too uncertain to begin registration at, and the judgement of loops. Its
     /// `threads` are those of the service.
     pub coarse: CoarseConfig,
@@ -99,6 +103,7 @@ impl Default for GlobalConfig {
             window_scans: 40,
             prepared_keyframes: 24,
             verify_loops: true,
+            verify_near_loops: true,
             coarse: CoarseConfig::default(),
             pose_graph: PoseGraphConfig::default(),
         }

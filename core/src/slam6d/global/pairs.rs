@@ -133,7 +133,7 @@ impl Measuring<'_> {
         record.residual_m = alignment.residual_rms_m;
         record.iterations += alignment.iterations;
         record.sigmas = distance_in_sigmas(candidate, &alignment);
-        self.acceptance(candidate.kind)
+        self.acceptance(candidate)
             .judge(&alignment, &start, &self.limits(candidate), true)
             .map_err(PairRejection::Registration)?;
         if is_unsure(&alignment) {
@@ -143,7 +143,7 @@ impl Measuring<'_> {
         if record.sigmas > allowed {
             return Err(PairRejection::Improbable { sigmas: record.sigmas, allowed }.into());
         }
-        if candidate.kind == PairKind::Loop && self.config.verify_loops {
+        if self.must_prove_itself(candidate) && self.config.verify_loops {
             self.verification.verify(self.keyframes, candidate, &alignment.target_from_source)?;
         }
         let closes_loop = candidate.kind == PairKind::Loop;
@@ -180,15 +180,17 @@ impl Measuring<'_> {
         Limits { pair_distance_m, ..limits }
     }
 
-    /// A loop must show more than the next scan of a chain.
-    fn acceptance(&self, kind: PairKind) -> AcceptanceConfig {
+    /// Whether a pair must show more than the next scan of a chain: a loop, unless it is near and need not.
+    fn must_prove_itself(&self, candidate: &Candidate) -> bool {
+        candidate.kind == PairKind::Loop && (candidate.needs_coarse || self.config.verify_near_loops)
+    }
+
+    fn acceptance(&self, candidate: &Candidate) -> AcceptanceConfig {
         let acceptance = self.sequential.acceptance;
-        match kind {
-            PairKind::Overlap => acceptance,
-            PairKind::Loop => {
-                AcceptanceConfig { min_overlap: acceptance.min_overlap.max(self.config.min_loop_overlap), ..acceptance }
-            }
+        if !self.must_prove_itself(candidate) {
+            return acceptance;
         }
+        AcceptanceConfig { min_overlap: acceptance.min_overlap.max(self.config.min_loop_overlap), ..acceptance }
     }
 }
 

@@ -86,6 +86,21 @@ fn both_methods_close_the_loop_and_take_the_drift_out() {
 }
 
 #[test]
+fn a_loop_near_its_prediction_need_not_prove_itself_where_that_is_switched_off_and_a_far_one_must() {
+    let script = Arc::new(circle(1));
+    let closed = |verify_near_loops: bool, basin_m: f64| {
+        let settings = config(CorrectionMethod::PoseGraph);
+        let settings = GlobalConfig { verify_loops: true, verify_near_loops, basin_m, ..settings };
+        let (_, records) = survey(&script, &settings);
+        let loops = records.iter().flat_map(|r| &r.pairs).filter(|p| p.kind == PairKind::Loop && p.rejected.is_none());
+        loops.count()
+    };
+    // No judge of surfaces trusts the script's posts.
+    assert_eq!((closed(true, 20.0), closed(false, 0.0)), (0, 0));
+    assert!(closed(false, 20.0) > 5);
+}
+
+#[test]
 fn without_correction_the_poses_are_those_of_the_chain() {
     let script = Arc::new(circle(1));
     let mut aligner = aligner(Box::new(Scripted(Arc::clone(&script))), &config(CorrectionMethod::Off));
