@@ -9,7 +9,7 @@ use super::verification::Verification;
 use super::{GlobalConfig, PairKind, PairRecord, PairRejection, PairStart};
 use crate::geometry::{Covariance, Pose, log};
 use crate::registration::{AlignError, Alignment, Limits, PairIds, PreparedScan, Registration};
-use crate::slam6d::prior::is_unsure;
+use crate::slam6d::prior::{doubt_weak_directions, is_unsure};
 use crate::slam6d::{AcceptanceConfig, Rejection, SequentialConfig};
 
 /// Pairs are looked for at least this far at the start, however certain the prediction is [m].
@@ -127,7 +127,7 @@ impl Measuring<'_> {
     fn attempt(&mut self, candidate: &Candidate, start: Pose, record: &mut PairRecord) -> Result<MeasuredPair, NoPair> {
         let (target, source) = (candidate.target, candidate.source);
         record.found = start;
-        let alignment = self.register(candidate, &start)?;
+        let mut alignment = self.register(candidate, &start)?;
         record.found = alignment.target_from_source;
         record.overlap = alignment.overlap;
         record.residual_m = alignment.residual_rms_m;
@@ -136,8 +136,10 @@ impl Measuring<'_> {
         self.acceptance(candidate)
             .judge(&alignment, &start, &self.limits(candidate), true)
             .map_err(PairRejection::Registration)?;
+        // It may have slid along these directions; what it says across them is as good as ever.
         if is_unsure(&alignment) {
-            return Err(PairRejection::Registration(Rejection::Unsure { iterations: alignment.iterations }).into());
+            doubt_weak_directions(&mut alignment);
+            record.sigmas = distance_in_sigmas(candidate, &alignment);
         }
         let allowed = self.config.accept_sigmas;
         if record.sigmas > allowed {
